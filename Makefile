@@ -1,0 +1,59 @@
+# The words of this project. Each sets up what it needs; a fresh machine needs Python >= 3.11, git and GNU make.
+
+PYTHON ?= python3
+# Which build of torch where the registry offers several: cpu, or auto for the one that fits the machine's GPU.
+TORCH_BACKEND ?= cpu
+TORCH = 2.13.0
+VENV = .venv
+BIN = $(VENV)/bin
+
+.DEFAULT_GOAL = help
+.PHONY: help run test check paper clean
+
+help:
+	@echo "make run     set up, then identify the paper's plate by DE and ABC; results in runs/"
+	@echo "make test    set up, then run the tests"
+	@echo "make check   format, lint, types, tests and doctests"
+	@echo "make paper   reproduce the paper's tables and figures (20 seeds; about half an hour)"
+	@echo "make clean   remove the virtual environment and caches"
+
+run: $(VENV)/.run
+	$(BIN)/python -m torchplate.cli.main_job
+
+test: $(VENV)/.check
+	$(BIN)/python -m pytest
+
+check: $(VENV)/.check
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest --doctest-modules src tests
+
+paper: $(VENV)/.run
+	$(BIN)/python -m torchplate.cli.paper
+
+clean:
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+# torch first, by the name of its CPU build: elsewhere than on Linux there is only one build, and where the registry
+# carries only the build with CUDA, uv knows where the CPU build is. So CUDA never comes by accident.
+$(VENV)/.torch: constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "Expected Python 3.11 or newer, got $$($(PYTHON) --version 2>&1). Give one: make PYTHON=python3.11" >&2; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	@case "$(TORCH_BACKEND)-$$(uname -s)" in \
+	  cpu-Linux) $(BIN)/pip install -q "torch==$(TORCH)+cpu" -c constraints.txt 2>$(VENV)/pip.log \
+	    || { $(BIN)/pip install -q uv && $(BIN)/uv pip install -q --python $(BIN)/python --torch-backend cpu torch==$(TORCH); } \
+	    || { cat $(VENV)/pip.log >&2; echo "Expected a CPU build of torch $(TORCH), found none. Install it into $(VENV) by hand and run make again." >&2; exit 2; };; \
+	  cpu-*) $(BIN)/pip install -q torch==$(TORCH);; \
+	  *) $(BIN)/pip install -q uv && $(BIN)/uv pip install -q --python $(BIN)/python --torch-backend $(TORCH_BACKEND) torch==$(TORCH);; \
+	esac
+	@touch $@
+
+$(VENV)/.run: $(VENV)/.torch pyproject.toml
+	$(BIN)/pip install -q -e . -c constraints.txt
+	@touch $@
+
+$(VENV)/.check: $(VENV)/.torch pyproject.toml
+	$(BIN)/pip install -q -e '.[test,check]' -c constraints.txt
+	@touch $@ $(VENV)/.run

@@ -1,0 +1,1 @@
+"""torchplate: model updating of plates from measured vibration, as batched torch tensors."""

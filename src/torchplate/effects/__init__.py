@@ -1,0 +1,33 @@
+"""The catalogue of physical effects, one per file.
+
+`effect` says what an effect is and keeps the catalogue; every other file holds one effect. A new effect is a new file
+and one more import below.
+"""
+
+from torchplate.effects.effect import (
+    CATALOGUE,
+    Effect,
+    Interval,
+    Parameter,
+    SensorChain,
+    find_effect,
+    options,
+)
+from torchplate.effects.hysteretic_damping import HystereticDamping
+from torchplate.effects.plate import Plate
+from torchplate.effects.support_spring import SupportSpring
+from torchplate.effects.viscous_damping import ViscousDamping
+
+__all__ = [
+    "CATALOGUE",
+    "Effect",
+    "HystereticDamping",
+    "Interval",
+    "Parameter",
+    "Plate",
+    "SensorChain",
+    "SupportSpring",
+    "ViscousDamping",
+    "find_effect",
+    "options",
+]

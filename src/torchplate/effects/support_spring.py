@@ -1,0 +1,46 @@
+"""Springs and dashpots to the ground: the wires a free plate hangs on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from torchplate.effects.effect import Effect, Parameter, Value, nonnegative
+from torchplate.plate import Local, Mesh
+
+
+@dataclass(frozen=True)
+class SupportSpring(Effect):
+    """One spring and one dashpot to the ground at each node, all alike: f = −k w − c dw/dt.
+
+    Args:
+        nodes: node labels; or
+        at: relative places [x, y], each 0 to 1.
+
+    Raises:
+        ValueError: if both or neither of nodes and at are given.
+    """
+
+    nodes: Sequence[int] = ()
+    at: Sequence[Sequence[float]] = ()
+
+    parameters = {
+        "stiffness": Parameter("N/m", "spring stiffness at each node", nonnegative),
+        "viscous_damping": Parameter("N s/m", "dashpot at each node", nonnegative, neutral=0.0),
+    }
+    acts_on = frozenset({"stiffness", "damping"})
+    shows = "Lifts the rigid-body modes off zero and damps them; hardly moves the bending modes."
+    source = "seed paper, after Eq. 18"
+
+    def __post_init__(self) -> None:
+        if bool(self.nodes) == bool(self.at):
+            raise ValueError(
+                "Expected support_spring to have either `nodes` (labels) or `at` (relative places), "
+                f"got {'both' if self.nodes else 'neither'}. Give one of them."
+            )
+
+    def local(self, mesh: Mesh, value: Value) -> Local:
+        """One term for each supported node."""
+        vector = mesh.deflection_at(mesh.places([*self.nodes, *self.at]).to(value["stiffness"]))
+        stiffness, viscous = (
+            value[name][..., None].expand(*value[name].shape, len(vector)) for name in self.parameters
+        )
+        return Local(vector, stiffness=stiffness, viscous=viscous)

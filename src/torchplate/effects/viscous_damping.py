@@ -1,0 +1,25 @@
+"""Rayleigh damping of the whole model."""
+
+from dataclasses import dataclass
+
+from torchplate.effects.effect import Effect, Parameter, Value, nonnegative
+from torchplate.plate import Proportional
+
+
+@dataclass(frozen=True)
+class ViscousDamping(Effect):
+    """C = a M + b K: modal damping ratio ζ = a / (2ω) + b ω / 2."""
+
+    parameters = {
+        "mass_coefficient": Parameter("1/s", "a: viscous matrix over M", nonnegative, neutral=0.0),
+        "stiffness_coefficient": Parameter("s", "b: viscous matrix over K", nonnegative, neutral=0.0),
+    }
+    acts_on = frozenset({"damping"})
+    shows = "Rounds low peaks by mass_coefficient and high peaks by stiffness_coefficient."
+    source = "Rayleigh, Theory of Sound (1877); Ewins, Modal Testing (2000), section 2.5"
+
+    def proportional(self, value: Value) -> Proportional:
+        """A and b of the whole model."""
+        return Proportional(
+            mass_coefficient=value["mass_coefficient"], stiffness_coefficient=value["stiffness_coefficient"]
+        )

@@ -1,0 +1,132 @@
+"""Frequency response functions: the modal sum with a low-rank correction, and the direct solve that referees it.
+
+With mass-normalised modes of (K, M) and damping in proportion to both, Z(s) is diagonal in modal coordinates,
+
+    d_r(s) = ω_r² (1 + iβ + sb) + iη + sa + s²,
+
+so α_jk = Σ_r φ_jr φ_kr / d_r (seed paper, Eq. 19–20; Ewins, Modal Testing, section 2.4). Dashpots at places make it
+d + s Uᵀ C U, and the Woodbury identity puts them in exactly: α = R_jk − R_ju (1 + s C R_uu)⁻¹ s C R_uk, where R is the
+modal sum without them. s = iω on the frequency axis; s = iω + σ for a record windowed by exp(−σt).
+"""
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from torchplate.plate import Proportional, System
+
+KINDS = ("receptance", "mobility", "accelerance", "transmissibility")
+
+
+def modal_denominator(
+    eigenvalue: Float[Tensor, "*#batch n_mode"],
+    proportional: Proportional,
+    laplace: Complex[Tensor, "*#batch n_frequency"],
+) -> tuple[Float[Tensor, "*batch n_frequency n_mode"], Float[Tensor, "*batch n_frequency n_mode"]]:
+    """Real and imaginary part of d_r(s) [rad²/s²].
+
+    Real arithmetic throughout: complex division costs several times as much, and this is the largest array of all.
+    """
+    beta, eta, a, b = (value[..., None, None] if isinstance(value, Tensor) else value for value in proportional)
+    decay, omega = laplace.real[..., None], laplace.imag[..., None]
+    square = eigenvalue[..., None, :]
+    real = square * (1 + b * decay) + (a * decay + decay**2 - omega**2)
+    imaginary = square * (beta + b * omega) + (eta + a * omega + 2 * decay * omega)
+    real, imaginary = torch.broadcast_tensors(real, imaginary)
+    return real, imaginary
+
+
+def modal_receptance(
+    eigenvalue: Float[Tensor, "*#batch n_mode"],
+    proportional: Proportional,
+    laplace: Complex[Tensor, "*#batch n_frequency"],
+    left: Float[Tensor, "*#batch n_left n_mode"],
+    right: Float[Tensor, "*#batch n_right n_mode"],
+) -> Complex[Tensor, "*batch n_frequency n_left n_right"]:
+    """Σ_r left_r right_r / d_r(s) [m/N]: one real matrix product for all lines and pairs."""
+    real, imaginary = modal_denominator(eigenvalue, proportional, laplace)
+    scale = 1 / (real**2 + imaginary**2)
+    inverse = torch.stack([real * scale, -imaginary * scale], dim=-3)
+    pairs = (left[..., :, None, :] * right[..., None, :, :]).flatten(-3, -2)
+    total = inverse @ pairs[..., None, :, :].mT
+    total = total.unflatten(-1, (left.shape[-2], right.shape[-2]))
+    return torch.complex(total[..., 0, :, :, :].contiguous(), total[..., 1, :, :, :].contiguous())
+
+
+def receptance(
+    eigenvalue: Float[Tensor, "*#batch n_mode"],
+    proportional: Proportional,
+    laplace: Complex[Tensor, "*#batch n_frequency"],
+    response: Float[Tensor, "*#batch n_response n_mode"],
+    reference: Float[Tensor, "*#batch n_reference n_mode"],
+    dashpot: Float[Tensor, "*#batch n_dashpot n_mode"],
+    viscous: Float[Tensor, "*#batch n_dashpot"],
+    hysteretic: Float[Tensor, "*#batch n_mode n_mode"] | None = None,
+) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
+    """Receptance α [m/N] from modes, exact in all damping terms.
+
+    Args:
+        eigenvalue: ω_r² [rad²/s²].
+        proportional: damping in proportion to K and M.
+        laplace: s [1/s].
+        response: modal deflections at the responses [1/√kg].
+        reference: modal deflections at the references [1/√kg].
+        dashpot: modal deflections at the dashpots [1/√kg].
+        viscous: coefficients of the dashpots [N s/m].
+        hysteretic: ΦᵀHΦ of elements with a loss of their own; it couples the modes, so each line is solved.
+    """
+    if hysteretic is not None:
+        return _solve_modal(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, hysteretic)
+    n_response, n_reference = response.shape[-2], reference.shape[-2]
+    if dashpot.shape[-2] == 0:
+        return modal_receptance(eigenvalue, proportional, laplace, response, reference)
+    left, right = _stack_rows(response, dashpot), _stack_rows(reference, dashpot)
+    whole = modal_receptance(eigenvalue, proportional, laplace, left, right)
+    gain = laplace[..., None, None] * viscous[..., None, :, None]
+    coupled = torch.eye(dashpot.shape[-2]).to(whole) + gain * whole[..., n_response:, n_reference:]
+    correction = torch.linalg.solve(coupled, gain * whole[..., n_response:, :n_reference])
+    return whole[..., :n_response, :n_reference] - whole[..., :n_response, n_reference:] @ correction
+
+
+def direct_receptance(
+    system: System,
+    laplace: Complex[Tensor, "*#batch n_frequency"],
+    response: Float[Tensor, "*#batch n_response n"],
+    reference: Float[Tensor, "*#batch n_reference n"],
+) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
+    """Receptance [m/N] by solving Z(s) at every line, with no mode at all: slow, and the referee of `receptance`."""
+    beta, eta, a, b = (value[..., None, None] if isinstance(value, Tensor) else value for value in system.proportional)
+    columns = []
+    for line in laplace.unbind(-1):
+        s = line[..., None, None]
+        impedance = system.stiffness * (1 + 1j * beta + s * b) + system.mass * (1j * eta + s * a + s**2)
+        weighted = system.viscous[..., None] * system.dashpot
+        impedance = impedance + s * (system.dashpot.mT @ weighted)
+        if system.hysteretic is not None:
+            impedance = impedance + 1j * system.hysteretic
+        columns.append(response.to(impedance) @ torch.linalg.solve(impedance, reference.mT.to(impedance)))
+    return torch.stack(columns, dim=-3)
+
+
+def _stack_rows(first: Tensor, second: Tensor) -> Tensor:
+    batch = torch.broadcast_shapes(first.shape[:-2], second.shape[:-2])
+    return torch.cat([rows.expand(*batch, *rows.shape[-2:]) for rows in (first, second)], dim=-2)
+
+
+def _solve_modal(
+    eigenvalue: Tensor,
+    proportional: Proportional,
+    laplace: Tensor,
+    response: Tensor,
+    reference: Tensor,
+    dashpot: Tensor,
+    viscous: Tensor,
+    hysteretic: Tensor,
+) -> Tensor:
+    """α where the damping couples the modes: one solve in modal coordinates at every line."""
+    real, imaginary = modal_denominator(eigenvalue, proportional, laplace)
+    coupling = (dashpot.mT @ (viscous[..., None] * dashpot))[..., None, :, :]
+    impedance = torch.diag_embed(torch.complex(real, imaginary))
+    impedance = impedance + 1j * hysteretic[..., None, :, :] + laplace[..., None, None] * coupling
+    motion = torch.linalg.solve(impedance, reference.mT[..., None, :, :].to(impedance))
+    return response[..., None, :, :].to(impedance) @ motion

@@ -1,0 +1,317 @@
+"""The model of one measured plate, as a torch module: parameters in, FRFs and natural frequencies out."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor, nn
+
+from torchplate.effects import Effect, Plate, SensorChain
+from torchplate.model.frf import KINDS, direct_receptance, receptance
+from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
+from torchplate.model.parameter_space import ParameterSpace, Searched
+from torchplate.plate import Assembly, Geometry, Local, Mesh, Proportional, Section, System
+
+Point = int | Sequence[float]
+DERIVATIVE = {"receptance": 0, "mobility": 1, "accelerance": 2}
+
+
+class Plan(NamedTuple):
+    """Everything the effects say of one batch of members, before any matrix is built."""
+
+    section: Section
+    geometry: Geometry
+    terms: list[Local]
+    damping: list[Proportional]
+
+
+class PlateModel(nn.Module):
+    """A plate with its effects; some of their parameters are known, the others are searched.
+
+    Args:
+        mesh: the mesh.
+        effects: label → effect, in the order in which they act.
+        known: "label.parameter" → value in SI units.
+        searched: "label.parameter" → interval. A parameter in neither takes its neutral value.
+        response: where the FRFs are read unless a call says otherwise: node labels or relative places.
+        reference: where the force acts, likewise.
+        kind: of the FRFs: receptance, mobility, accelerance, or transmissibility (response over the motion of the
+            held edges; springs and dashpots to the ground then ride on that motion too).
+        memory: bytes that one evaluation may take; larger populations go in chunks.
+
+    Raises:
+        ValueError: if there is not exactly one plate, a parameter is missing, unknown or outside what makes sense.
+    """
+
+    known: Tensor
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        effects: Mapping[str, Effect],
+        known: Mapping[str, float],
+        searched: Mapping[str, Searched] | None = None,
+        response: Sequence[Point] | None = None,
+        reference: Sequence[Point] | None = None,
+        kind: str = "receptance",
+        memory: int = 2**30,
+    ) -> None:
+        super().__init__()
+        searched = dict(searched or {})
+        self.mesh, self.effects = mesh, dict(effects)
+        self.response, self.reference, self.kind, self.memory = response, reference, kind, memory
+        if sum(isinstance(effect, Plate) for effect in self.effects.values()) != 1:
+            raise ValueError("Expected exactly one effect `plate` in the model, got none or several. Keep one.")
+        # The plate comes first, whatever the order of the others: they act on its section.
+        self.effects = dict(sorted(self.effects.items(), key=lambda item: not isinstance(item[1], Plate)))
+        everything = {
+            f"{label}.{name}": parameter
+            for label, effect in self.effects.items()
+            for name, parameter in effect.parameters.items()
+        }
+        for key in [*known, *searched]:
+            if key not in everything:
+                raise ValueError(f"No parameter named '{key}'. The model has: {', '.join(everything)}.")
+        values = []
+        for key, parameter in everything.items():
+            if key in searched:
+                ends = (searched[key].low, searched[key].high)
+            elif (value := known.get(key, parameter.neutral)) is not None:
+                values.append(value)
+                ends = (value, value)
+            else:
+                raise ValueError(f"Expected a value or an interval for '{key}' [{parameter.unit}], got none. Add it.")
+            for end in ends:
+                if end not in parameter.allowed:
+                    raise ValueError(
+                        f"Expected '{key}' {parameter.allowed} [{parameter.unit}], got {end:g}. Correct it."
+                    )
+        names = [key for key in everything if key in searched]
+        self.space = ParameterSpace(names, [everything[k].unit for k in names], [searched[k] for k in names])
+        self.register_buffer("known", torch.tensor(values, dtype=torch.float64))
+        self.assembly = Assembly(mesh)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The searched parameters, in theta's order: "label.parameter"."""
+        return self.space.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their SI units."""
+        return self.space.units
+
+    def extra_repr(self) -> str:
+        """One line for `print(model)`."""
+        return (
+            f"effects={list(self.effects)}, searched={list(self.names)}, n_dof={self.assembly.size}, kind={self.kind}"
+        )
+
+    def values(self, theta: Float[Tensor, "*batch n_parameter"]) -> dict[str, dict[str, Tensor]]:
+        """Label → parameter → value in SI units: [*batch] where searched, [] where known.
+
+        Raises:
+            ValueError: if theta does not have one value for each searched parameter.
+        """
+        if theta.shape[-1] != len(self.names):
+            raise ValueError(
+                f"Expected theta with a last dimension of {len(self.names)} ({', '.join(self.names) or 'none'}), "
+                f"got {theta.shape[-1]}. `model.names` gives the order."
+            )
+        position = {name: index for index, name in enumerate(self.names)}
+        known = iter(self.known)
+        return {
+            label: {
+                name: theta[..., position[key]] if (key := f"{label}.{name}") in position else next(known)
+                for name in effect.parameters
+            }
+            for label, effect in self.effects.items()
+        }
+
+    def plan(self, theta: Float[Tensor, "*batch n_parameter"]) -> Plan:
+        """What the effects make of theta: sides, section, local terms and damping."""
+        value = self.values(theta)
+        pairs = [(effect, value[label]) for label, effect in self.effects.items()]
+        geometry = Geometry(*(self.known.new_tensor(side) for side in (self.mesh.length_x, self.mesh.length_y)))
+        for effect, own in pairs:
+            geometry = effect.geometry(geometry, own)
+        section = None
+        for effect, own in pairs:
+            section = effect.section(self.mesh, section, own)  # type: ignore[arg-type]  # the plate comes first
+        assert section is not None
+        terms = [term for effect, own in pairs if (term := effect.local(self.mesh, own)) is not None]
+        damping = [part for effect, own in pairs if (part := effect.proportional(own)) is not None]
+        return Plan(section, geometry, terms, damping)
+
+    def system(self, theta: Float[Tensor, "*batch n_parameter"]) -> System:
+        """Mass, stiffness and damping; what no searched parameter touches has no batch dimension."""
+        return self.assembly.system(*self.plan(theta))
+
+    def modes(self, theta: Float[Tensor, "*batch n_parameter"]) -> Modes:
+        """All undamped modes, one `torch.linalg.eigh` for the batch."""
+        system = self.system(theta)
+        return solve_modes(system.stiffness, system.mass)
+
+    def natural_frequencies(
+        self, theta: Float[Tensor, "*batch n_parameter"], n_mode: int = 20
+    ) -> Float[Tensor, "*batch n_mode"]:
+        """The lowest undamped natural frequencies [Hz], rigid-body modes first.
+
+        Raises:
+            ValueError: if the model has fewer modes than that.
+        """
+        if n_mode > self.assembly.size:
+            raise ValueError(
+                f"Expected at most {self.assembly.size} modes, got {n_mode}. Refine the mesh or ask for fewer."
+            )
+        parts = []
+        for members in self._chunks(theta):
+            system = self.system(members)
+            eigenvalue = solve_eigenvalues(system.stiffness, system.mass)[..., :n_mode]
+            parts.append(natural_frequencies(eigenvalue).expand(len(members), n_mode))
+        return torch.cat(parts).reshape(*theta.shape[:-1], n_mode)
+
+    def frf(
+        self,
+        theta: Float[Tensor, "*batch n_parameter"],
+        frequency: Float[Tensor, "n_frequency"],
+        response: Sequence[Point] | None = None,
+        reference: Sequence[Point] | None = None,
+        kind: str | None = None,
+        decay: float = 0.0,
+    ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
+        """Frequency response functions of every member.
+
+        Args:
+            theta: searched parameters in SI units, in the order of `names`.
+            frequency: lines [Hz], ≥ 0.
+            response: node labels or relative places (x, y); left out, those of the measurement.
+            reference: likewise; a transmissibility has none.
+            kind: receptance [m/N], mobility [m/(N s)], accelerance [m/(N s²)] or transmissibility [-]; left out, that
+                of the measurement.
+            decay: σ of s = iω + σ [1/s]: what the FRF is of records windowed by exp(−σt).
+
+        Raises:
+            ValueError: if a place or the kind is unknown, or none is given and the model has no measurement.
+        """
+        points = self._points(response, reference, kind)
+        parts = [self._frf(members, _laplace(frequency.to(theta), decay), *points) for members in self._chunks(theta)]
+        return torch.cat(parts).reshape(*theta.shape[:-1], *parts[0].shape[1:])
+
+    def _points(
+        self, response: Sequence[Point] | None, reference: Sequence[Point] | None, kind: str | None
+    ) -> tuple[Tensor, Tensor | None, str]:
+        kind = kind or self.kind
+        if kind not in KINDS:
+            raise ValueError(f"Expected kind to be one of {', '.join(KINDS)}, got '{kind}'.")
+        found = []
+        for name, given, own in (
+            ("response", response, self.response),
+            ("reference", reference, self.reference),
+        ):
+            points = own if given is None else given
+            if points is None and not (name == "reference" and kind == "transmissibility"):
+                raise ValueError(f"Expected a {name}, got none, and the model has no measurement. Give {name}=[node].")
+            found.append(None if points is None else self.mesh.places(points).to(self.known))
+        assert found[0] is not None
+        return found[0], found[1], kind
+
+    def _frf(
+        self, theta: Tensor, laplace: Tensor, response: Tensor, reference: Tensor | None, kind: str
+    ) -> Complex[Tensor, "n_member n_frequency n_response n_reference"]:
+        plan = self.plan(theta)
+        system = self.assembly.system(*plan)
+        chain = self._chain(theta, plan, laplace, response, reference)
+        modes = solve_modes(system.stiffness, system.mass)
+        left = self.assembly.rows(self.mesh.deflection_at(chain.response))
+        right = self._excitation(plan, reference)
+        response_row, reference_row, dashpot = (rows @ modes.shape for rows in (left, right, system.dashpot))
+        hysteretic = None
+        if system.hysteretic is not None:
+            hysteretic = modes.shape.mT @ system.hysteretic @ modes.shape
+        lines = self._lines_at_once(len(theta), modes.eigenvalue.shape[-1], left, right, system)
+        parts = [
+            receptance(
+                modes.eigenvalue,
+                system.proportional,
+                s,
+                response_row,
+                reference_row,
+                dashpot,
+                system.viscous,
+                hysteretic,
+            )
+            for s in chain.laplace.split(lines, dim=-1)
+        ]
+        whole = _as_kind(torch.cat(parts, dim=-3), chain, kind)
+        return whole.expand(len(theta), *whole.shape[-3:])
+
+    def frf_direct(
+        self,
+        theta: Float[Tensor, "*batch n_parameter"],
+        frequency: Float[Tensor, "n_frequency"],
+        response: Sequence[Point] | None = None,
+        reference: Sequence[Point] | None = None,
+        kind: str | None = None,
+        decay: float = 0.0,
+    ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
+        """The same as `frf`, by solving the dynamic stiffness at every line: slow, and independent of any mode."""
+        places = self._points(response, reference, kind)
+        plan = self.plan(theta)
+        system = self.assembly.system(*plan)
+        chain = self._chain(theta, plan, _laplace(frequency.to(theta), decay), *places[:2])
+        rows = self.assembly.rows(self.mesh.deflection_at(chain.response)), self._excitation(plan, places[1])
+        whole = _as_kind(direct_receptance(system, chain.laplace, *rows), chain, places[2])
+        return whole.expand(*theta.shape[:-1], *whole.shape[-3:])
+
+    def _chain(
+        self, theta: Tensor, plan: Plan, laplace: Tensor, response: Tensor, reference: Tensor | None
+    ) -> SensorChain:
+        n_reference = 1 if reference is None else len(reference)
+        chain = SensorChain(
+            laplace, response, torch.ones_like(laplace)[:, None, None].expand(-1, len(response), n_reference)
+        )
+        value = self.values(theta)
+        for label, effect in self.effects.items():
+            chain = effect.observe(chain, value[label], plan.geometry)
+        return chain
+
+    def _excitation(self, plan: Plan, reference: Tensor | None) -> Float[Tensor, "*batch n_reference n"]:
+        """Rows of the forces; the base's unit acceleration loads the plate with its inertia."""
+        if reference is not None:
+            return self.assembly.rows(self.mesh.deflection_at(reference))
+        load = self.assembly.translation_load(plan.section.areal_mass, plan.geometry)
+        for term in plan.terms:
+            if term.mass is not None:
+                # A deflection row times the rigid translation is one.
+                load = load + (term.mass[..., None] * self.assembly.rows(term.vector)).sum(-2)
+        return load[..., None, :]
+
+    def _chunks(self, theta: Tensor) -> Iterator[Tensor]:
+        """Members that fit half of the memory with their matrices and modes."""
+        flat = theta.reshape(theta.shape[:-1].numel(), theta.shape[-1])
+        per_member = 8 * theta.element_size() * self.assembly.size**2
+        return iter(flat.split(max(1, self.memory // 2 // per_member)))
+
+    def _lines_at_once(self, n_member: int, n_mode: int, left: Tensor, right: Tensor, system: System) -> int:
+        """Lines that fit the other half."""
+        n_dashpot = system.dashpot.shape[-2]
+        pairs = (left.shape[-2] + n_dashpot) * (right.shape[-2] + n_dashpot)
+        numbers = 6 * n_mode + 6 * pairs
+        if system.hysteretic is not None:
+            numbers += 6 * n_mode**2
+        return max(1, self.memory // 2 // (n_member * left.element_size() * numbers))
+
+
+def _laplace(frequency: Tensor, decay: float) -> Tensor:
+    """S = iω + σ [1/s]."""
+    return torch.complex(torch.full_like(frequency, decay), 2 * torch.pi * frequency)
+
+
+def _as_kind(value: Tensor, chain: SensorChain, kind: str) -> Tensor:
+    """From receptance to the kind asked for, as the sensor chain reports it."""
+    s = chain.laplace[..., None, None]
+    if kind == "transmissibility":
+        return chain.factor * (1 - s**2 * value)
+    return chain.factor * s ** DERIVATIVE[kind] * value

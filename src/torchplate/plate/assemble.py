@@ -1,0 +1,143 @@
+"""From Section and Local to the matrices of the model, for a whole population at once.
+
+Elements meet by index arithmetic (one scatter), never in a loop. A plate of sides Lx, Ly with rigidity D and areal
+mass m is the unit square with rigidity Lx Ly T D T, T = diag(1/Lx², 1/Ly², 1/(Lx Ly)), and areal mass m Lx Ly: so the
+geometry is just one more coefficient, and where the section is the same everywhere K is a sum of six fixed matrices.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from torchplate.plate import element
+from torchplate.plate.mesh import Mesh
+from torchplate.plate.section import Geometry, Local, Proportional, Section, System
+
+# Fixed matrices of a uniform plate are kept up to this size; beyond it every assembly scatters.
+UNIFORM_BYTES = 256 * 2**20
+
+
+class Assembly(nn.Module):
+    """Assembles on one mesh; held dofs are left out of every result.
+
+    Args:
+        mesh: the mesh.
+        basis: columns over the free dofs; with it, all results are those of the projection basisᵀ (·) basis.
+    """
+
+    index: Tensor
+    free: Tensor
+    position: Tensor
+    pattern: Tensor
+    mass_pattern: Tensor
+    uniform: Tensor | None
+    basis: Tensor | None
+
+    def __init__(self, mesh: Mesh, basis: Float[Tensor, "n_free n_basis"] | None = None) -> None:
+        super().__init__()
+        self.mesh = mesh
+        dof = mesh.element_dof
+        pattern, mass_pattern = element.patterns(1 / mesh.cells[0], 1 / mesh.cells[1])
+        free = mesh.free_dof
+        # Held dofs share one more row and column, which is cut off after the scatter.
+        position = torch.full((mesh.n_dof,), len(free), dtype=torch.int64)
+        position[free] = torch.arange(len(free))
+        row = position[dof]
+        self.register_buffer("free", free, persistent=False)
+        self.register_buffer("position", row, persistent=False)
+        self.register_buffer("index", (row[:, :, None] * (len(free) + 1) + row[:, None, :]).flatten(), persistent=False)
+        self.register_buffer("pattern", pattern, persistent=False)
+        self.register_buffer("mass_pattern", mass_pattern, persistent=False)
+        self.register_buffer("basis", basis, persistent=False)
+        self.register_buffer("uniform", None, persistent=False)
+        if basis is not None or 7 * 8 * len(free) ** 2 <= UNIFORM_BYTES:
+            everywhere = torch.cat([pattern, mass_pattern[None]])[:, None].expand(-1, mesh.n_element, -1, -1)
+            self.uniform = self._scatter(everywhere) if basis is None else self._project(everywhere)
+
+    @property
+    def size(self) -> int:
+        """Rows of every matrix: free dofs, or vectors of the basis."""
+        return len(self.free) if self.basis is None else self.basis.shape[-1]
+
+    def stiffness(
+        self, rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
+    ) -> Float[Tensor, "*batch n n"]:
+        """Stiffness matrix K [N/m] from the rigidity of the elements [N m]."""
+        x, y = geometry.length_x, geometry.length_y
+        area = (x * y)[..., None]
+        turn = torch.stack([1 / x**2, 1 / y**2, 1 / (x * y)], dim=-1)
+        weight = turn[..., element.RIGIDITY_ROW] * turn[..., element.RIGIDITY_COLUMN] * area
+        coefficient = rigidity[..., element.RIGIDITY_ROW, element.RIGIDITY_COLUMN] * weight[..., None, :]
+        return self._assemble(coefficient, self.pattern, slice(0, 6))
+
+    def mass(self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry) -> Float[Tensor, "*batch n n"]:
+        """Consistent mass matrix M [kg] from the mass per area of the elements [kg/m²]."""
+        coefficient = areal_mass * (geometry.length_x * geometry.length_y)[..., None]
+        return self._assemble(coefficient[..., None], self.mass_pattern[None], slice(6, 7))
+
+    def rows(self, vector: Float[Tensor, "*batch n_row n_dof"]) -> Float[Tensor, "*batch n_row n"]:
+        """Rows over all dofs of the mesh, as rows over those of this assembly."""
+        free = vector[..., self.free]
+        return free if self.basis is None else free @ self.basis
+
+    def translation_load(
+        self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry
+    ) -> Float[Tensor, "*batch n"]:
+        """M r for the rigid translation r of the whole plate, held dofs included [kg]: its inertia under the base."""
+        rigid = self.mesh.rigid_translation.to(areal_mass)[: element.N_DOF]
+        coefficient = areal_mass * (geometry.length_x * geometry.length_y)[..., None]
+        load = coefficient.expand(*coefficient.shape[:-1], self.mesh.n_element)[..., None] * (self.mass_pattern @ rigid)
+        flat = load.new_zeros(*load.shape[:-2], len(self.free) + 1)
+        flat = flat.index_add(-1, self.position.flatten(), load.flatten(-2))[..., :-1]
+        return flat if self.basis is None else flat @ self.basis
+
+    def system(
+        self, section: Section, geometry: Geometry, terms: Sequence[Local], damping: Sequence[Proportional]
+    ) -> System:
+        """All matrices of the model: the section's, and what the local terms add to them."""
+        rigidity = section.rigidity
+        stiffness, mass = self.stiffness(rigidity, geometry), self.mass(section.areal_mass, geometry)
+        hysteretic = None
+        if section.loss_factor is not None:
+            hysteretic = self.stiffness(rigidity * section.loss_factor[..., None, None], geometry)
+        dashpots, viscous = [stiffness.new_zeros(0, self.size)], [stiffness.new_zeros(0)]
+        for term in terms:
+            row = self.rows(term.vector)
+            if term.mass is not None:
+                mass = mass + row.mT @ (term.mass[..., None] * row)
+            if term.stiffness is not None:
+                stiffness = stiffness + row.mT @ (term.stiffness[..., None] * row)
+            if term.viscous is not None:
+                dashpots.append(row)
+                viscous.append(term.viscous)
+        proportional = Proportional(*(sum(part) for part in zip(Proportional(), *damping, strict=True)))
+        return System(mass, stiffness, _concatenate(dashpots, 2), _concatenate(viscous, 1), hysteretic, proportional)
+
+    def _assemble(self, coefficient: Tensor, pattern: Tensor, which: slice) -> Tensor:
+        """Σ over elements and patterns; one matrix product where all elements are alike."""
+        if coefficient.shape[-2] == 1 and self.uniform is not None:
+            flat = self.uniform[which].flatten(1)
+            return (coefficient[..., 0, :] @ flat).unflatten(-1, (self.size, self.size))
+        coefficient = coefficient.expand(*coefficient.shape[:-2], self.mesh.n_element, coefficient.shape[-1])
+        matrices = torch.einsum("...ek,kpq->...epq", coefficient, pattern)
+        return self._scatter(matrices) if self.basis is None else self._project(matrices)
+
+    def _scatter(self, matrices: Float[Tensor, "*batch n_element 12 12"]) -> Float[Tensor, "*batch n n"]:
+        size = len(self.free) + 1
+        flat = matrices.new_zeros(*matrices.shape[:-3], size * size)
+        flat = flat.index_add(-1, self.index, matrices.flatten(-3))
+        return flat.unflatten(-1, (size, size))[..., :-1, :-1]
+
+    def _project(self, matrices: Float[Tensor, "*batch n_element 12 12"]) -> Float[Tensor, "*batch n n"]:
+        assert self.basis is not None
+        padded = torch.cat([self.basis, self.basis.new_zeros(1, self.size)])
+        local = padded[self.position]
+        return (local.mT @ (matrices @ local)).sum(-3)
+
+
+def _concatenate(parts: Sequence[Tensor], n_last: int) -> Tensor:
+    """Along the first of the last dimensions, whatever batch each part has."""
+    batch = torch.broadcast_shapes(*(part.shape[:-n_last] for part in parts))
+    return torch.cat([part.expand(*batch, *part.shape[-n_last:]) for part in parts], dim=-n_last)

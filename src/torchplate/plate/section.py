@@ -1,0 +1,89 @@
+"""What a plate is made of: the few quantities that every effect changes or adds."""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+class Geometry(NamedTuple):
+    """Sides of the plate [m], one pair for each member of the batch."""
+
+    length_x: Float[Tensor, "*batch"]
+    length_y: Float[Tensor, "*batch"]
+
+
+class Section(NamedTuple):
+    """What each element is made of; a last dimension of 1 means the same everywhere.
+
+    Young's modulus is the geometric mean √(E_x E_y) and Poisson's ratio √(ν_x ν_y), so that an isotropic plate is the
+    case `young_ratio` = `shear_factor` = 1 and a change of one quantity leaves the others as they are.
+    """
+
+    youngs_modulus: Float[Tensor, "*batch n_element"]  # √(E_x E_y) [Pa]
+    young_ratio: Float[Tensor, "*batch n_element"]  # E_y / E_x [-]
+    poisson_ratio: Float[Tensor, "*batch n_element"]  # √(ν_x ν_y) [-]
+    shear_factor: Float[Tensor, "*batch n_element"]  # G over E / (2 (1 + ν)) [-]
+    density: Float[Tensor, "*batch n_element"]  # [kg/m³]
+    thickness: Float[Tensor, "*batch n_element"]  # [m]
+    stiffness_factor: Float[Tensor, "*batch n_element"]  # bending stiffness over that of the sound section [-]
+    loss_factor: Float[Tensor, "*batch n_element"] | None = None  # hysteretic, beside that of the whole model [-]
+
+    @property
+    def areal_mass(self) -> Float[Tensor, "*batch n_element"]:
+        """Mass per area ρh [kg/m²]."""
+        return self.density * self.thickness
+
+    @property
+    def rigidity(self) -> Float[Tensor, "*batch n_element 3 3"]:
+        """Bending rigidity: moments = D curvatures, curvatures (−w,xx, −w,yy, −2w,xy) [N m].
+
+        D = h³/12 · [[E_x, ν√(E_x E_y), 0], [ν√(E_x E_y), E_y, 0], [0, 0, G(1 − ν²)]] / (1 − ν²).
+        Source: seed paper, Eq. 12, for E_x = E_y; Lekhnitskii, Anisotropic Plates (1968), for the orthotropic plate.
+        """
+        mean = self.youngs_modulus * self.stiffness_factor * self.thickness**3 / 12
+        plane = mean / (1 - self.poisson_ratio**2)
+        root = self.young_ratio.sqrt()
+        shear = self.shear_factor * mean / (2 * (1 + self.poisson_ratio))
+        entries = torch.broadcast_tensors(plane / root, plane * root, plane * self.poisson_ratio, shear)
+        along_x, along_y, cross, twist = entries
+        zero = torch.zeros_like(cross)
+        flat = torch.stack([along_x, cross, zero, cross, along_y, zero, zero, zero, twist], dim=-1)
+        return flat.unflatten(-1, (3, 3))
+
+
+class Local(NamedTuple):
+    """Terms uᵀu times a coefficient: masses, springs and dashpots at places.
+
+    `vector` gives the deflection there from the dofs of the mesh, so that no effect ever builds a whole matrix.
+    """
+
+    vector: Float[Tensor, "*batch n_term n_dof"]
+    mass: Float[Tensor, "*batch n_term"] | None = None  # [kg]
+    stiffness: Float[Tensor, "*batch n_term"] | None = None  # [N/m]
+    viscous: Float[Tensor, "*batch n_term"] | None = None  # [N s/m]
+
+
+class Proportional(NamedTuple):
+    """Damping in proportion to the K and M of the whole model, supports and added masses included.
+
+    Z(s) = K (1 + iβ + sb) + M (iη + sa + s²) + s C + iH, with β `stiffness_loss_factor` [-], η `mass_loss_factor`
+    [1/s²], a `mass_coefficient` [1/s], b `stiffness_coefficient` [s]. Source: seed paper, Eq. 17–18; Rayleigh for a, b.
+    """
+
+    stiffness_loss_factor: Float[Tensor, "*batch"] | float = 0.0
+    mass_loss_factor: Float[Tensor, "*batch"] | float = 0.0
+    mass_coefficient: Float[Tensor, "*batch"] | float = 0.0
+    stiffness_coefficient: Float[Tensor, "*batch"] | float = 0.0
+
+
+class System(NamedTuple):
+    """Matrices of one model for a batch of members, held dofs left out; dashpots stay rows and coefficients."""
+
+    mass: Float[Tensor, "*batch n n"]  # M [kg]
+    stiffness: Float[Tensor, "*batch n n"]  # K, springs included [N/m]
+    dashpot: Float[Tensor, "*batch n_dashpot n"]  # deflection there over the dofs [-]
+    viscous: Float[Tensor, "*batch n_dashpot"]  # coefficients [N s/m]
+    hysteretic: Float[Tensor, "*batch n n"] | None  # K of the elements times their own loss factors [N/m]
+    proportional: Proportional
