@@ -15,6 +15,7 @@ from torchplate.effects.effect import (
 )
 from torchplate.effects.hysteretic_damping import HystereticDamping
 from torchplate.effects.plate import Plate
+from torchplate.effects.point_mass import PointMass
 from torchplate.effects.support_spring import SupportSpring
 from torchplate.effects.viscous_damping import ViscousDamping
 
@@ -25,6 +26,7 @@ __all__ = [
     "Interval",
     "Parameter",
     "Plate",
+    "PointMass",
     "SensorChain",
     "SupportSpring",
     "ViscousDamping",
