@@ -1,0 +1,43 @@
+"""Minimise on the unit cube, as tensor operations. Knows nothing of plates.
+
+- `optimizer`: what every optimiser is (ask, tell, frozen settings, returned state) and the registry
+`OPTIMIZERS`.
+- `minimization`, `outcome`: the loop that counts, stops, reports and resumes; what it returns.
+- `differential_evolution` (the ten classic variants), with `mutation`, `crossover`, `bounds` and `draws`, its parts;
+  `jde`, `sade`, `l_shade`: those that set F, CR, strategy or population size themselves.
+- `artificial_bee_colony`: employed bees, onlookers, scouts.
+
+A new optimiser is one file with a frozen dataclass `class Mine(Optimizer[MineState], name="mine")` and one
+line below; the registry, the generic tests and whatever lists the optimisers follow.
+"""
+
+from torchplate.search.artificial_bee_colony import ArtificialBeeColony
+from torchplate.search.bounds import BOUNDS
+from torchplate.search.differential_evolution import STRATEGIES, DifferentialEvolution
+from torchplate.search.jde import Jde
+from torchplate.search.l_shade import LShade
+from torchplate.search.minimization import Objective, minimize
+from torchplate.search.optimizer import OPTIMIZERS, Candidates, Optimizer, State, optimizer_named
+from torchplate.search.outcome import Checkpoint, Outcome, Progress, Status
+from torchplate.search.sade import Sade
+
+__all__ = [
+    "BOUNDS",
+    "OPTIMIZERS",
+    "STRATEGIES",
+    "ArtificialBeeColony",
+    "Candidates",
+    "Checkpoint",
+    "DifferentialEvolution",
+    "Jde",
+    "LShade",
+    "Objective",
+    "Optimizer",
+    "Outcome",
+    "Progress",
+    "Sade",
+    "State",
+    "Status",
+    "minimize",
+    "optimizer_named",
+]

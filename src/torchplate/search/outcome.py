@@ -1,0 +1,80 @@
+"""What a search returns, and what it shows while it runs."""
+
+from enum import Enum
+from typing import NamedTuple
+
+from jaxtyping import Float, Int
+from torch import Tensor
+
+Checkpoint = dict[str, Tensor]
+"""All that a search needs to go on: tensors only, so that `torch.load(..., weights_only=True)` reads it."""
+
+
+class Status(Enum):
+    """Why a search stopped; the value is the sentence for the user and ends in what to do."""
+
+    budget = (
+        "The budget is spent before the search has settled. "
+        "Raise n_generation or n_evaluation, or narrow the intervals."
+    )
+    tolerance = (
+        "The members agree on the objective to within the tolerance. "
+        "Accept the result, and repeat with another seed to see that it is found again."
+    )
+    stagnation = (
+        "The best objective has not improved for as many generations as stagnation allows. "
+        "Repeat with another seed or more members; if the value returns, accept it."
+    )
+    target = "The target is reached. Accept the result, or lower the target to go on."
+    no_number = (
+        "The objective has given no finite number anywhere. "
+        "Evaluate it by hand at the middle of the unit cube and mend what makes it NaN or infinite."
+    )
+
+
+class Outcome(NamedTuple):
+    """The end of a minimisation.
+
+    Attributes:
+        best_position: The best place of each search, on the unit cube.
+        best_objective: The objective there; +inf where it never was a number.
+        n_evaluation: Evaluations that each search spent, the initial population included.
+        n_generation: Generations that each search finished.
+        status: Why each search stopped, in row-major order of the batch; one entry where there is no batch.
+        population: The final members.
+        fitness: The objective of the final members.
+    """
+
+    best_position: Float[Tensor, "*batch n_dimension"]
+    best_objective: Float[Tensor, "*batch"]
+    n_evaluation: Int[Tensor, "*batch"]
+    n_generation: Int[Tensor, "*batch"]
+    status: tuple[Status, ...]
+    population: Float[Tensor, "*batch n_member n_dimension"]
+    fitness: Float[Tensor, "*batch n_member"]
+
+
+class Progress(NamedTuple):
+    """Where a search stands after a generation; generation 0 is the initial population.
+
+    Attributes:
+        generation: Generations done.
+        n_evaluation: Evaluations spent by each search so far.
+        best_position: The best place seen so far.
+        best_objective: The objective there.
+        mean_objective: Mean over the members whose objective is finite; NaN where none is.
+        spread: Standard deviation of the members' positions, mean over the dimensions [-].
+        snapshot: What `checkpoint` returns.
+    """
+
+    generation: int
+    n_evaluation: Int[Tensor, "*batch"]
+    best_position: Float[Tensor, "*batch n_dimension"]
+    best_objective: Float[Tensor, "*batch"]
+    mean_objective: Float[Tensor, "*batch"]
+    spread: Float[Tensor, "*batch"]
+    snapshot: Checkpoint
+
+    def checkpoint(self) -> Checkpoint:
+        """A plain dict of tensors; `minimize(..., resume=...)` goes on from it to the identical result."""
+        return dict(self.snapshot)
