@@ -13,6 +13,7 @@ from torchplate.effects.effect import (
     find_effect,
     options,
 )
+from torchplate.effects.exponential_window import ExponentialWindow
 from torchplate.effects.hysteretic_damping import HystereticDamping
 from torchplate.effects.plate import Plate
 from torchplate.effects.point_mass import PointMass
@@ -22,6 +23,7 @@ from torchplate.effects.viscous_damping import ViscousDamping
 __all__ = [
     "CATALOGUE",
     "Effect",
+    "ExponentialWindow",
     "HystereticDamping",
     "Interval",
     "Parameter",
