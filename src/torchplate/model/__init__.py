@@ -3,11 +3,25 @@
 - `parameter_space`: what is searched; the unit cube against SI units.
 - `modes`: batched natural frequencies and mode shapes.
 - `frf`: receptances by modal sum, exact for local dashpots, and the direct solve that referees them.
+- `fine_mesh`: one member in sparse matrices, where dense ones would be too large.
+- `reduced_basis`: a small basis for the whole box of the searched parameters, and its error.
 - `plate_model`: the torch module that puts them together.
 """
 
+from torchplate.model.fine_mesh import SparseModel
 from torchplate.model.modes import Modes
 from torchplate.model.parameter_space import ParameterSpace, Searched
-from torchplate.model.plate_model import PlateModel
+from torchplate.model.plate_model import PlateModel, Point
+from torchplate.model.reduced_basis import DENSE, basis_error, reduce
 
-__all__ = ["Modes", "ParameterSpace", "PlateModel", "Searched"]
+__all__ = [
+    "DENSE",
+    "Modes",
+    "ParameterSpace",
+    "PlateModel",
+    "Point",
+    "Searched",
+    "SparseModel",
+    "basis_error",
+    "reduce",
+]

@@ -50,7 +50,7 @@ def modal_receptance(
     pairs = (left[..., :, None, :] * right[..., None, :, :]).flatten(-3, -2)
     total = inverse @ pairs[..., None, :, :].mT
     total = total.unflatten(-1, (left.shape[-2], right.shape[-2]))
-    return torch.complex(total[..., 0, :, :, :].contiguous(), total[..., 1, :, :, :].contiguous())
+    return torch.complex(total[..., 0, :, :, :], total[..., 1, :, :, :])
 
 
 def receptance(

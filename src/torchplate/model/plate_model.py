@@ -1,6 +1,8 @@
 """The model of one measured plate, as a torch module: parameters in, FRFs and natural frequencies out."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import copy
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import torch
@@ -108,6 +110,13 @@ class PlateModel(nn.Module):
             f"effects={list(self.effects)}, searched={list(self.names)}, n_dof={self.assembly.size}, kind={self.kind}"
         )
 
+    def projected(self, basis: Float[Tensor, "n_free n_basis"]) -> "PlateModel":
+        """The same model with all matrices projected on a basis over the free dofs; see `reduced_basis`."""
+        twin = copy.copy(self)
+        twin._modules = dict(self._modules)
+        twin.assembly = Assembly(self.mesh, basis.cpu()).to(basis)
+        return twin
+
     def values(self, theta: Float[Tensor, "*batch n_parameter"]) -> dict[str, dict[str, Tensor]]:
         """Label → parameter → value in SI units: [*batch] where searched, [] where known.
 
@@ -170,7 +179,7 @@ class PlateModel(nn.Module):
             system = self.system(members)
             eigenvalue = solve_eigenvalues(system.stiffness, system.mass)[..., :n_mode]
             parts.append(natural_frequencies(eigenvalue).expand(len(members), n_mode))
-        return torch.cat(parts).reshape(*theta.shape[:-1], n_mode)
+        return _joined(parts, 0).reshape(*theta.shape[:-1], n_mode)
 
     def frf(
         self,
@@ -197,7 +206,7 @@ class PlateModel(nn.Module):
         """
         points = self._points(response, reference, kind)
         parts = [self._frf(members, _laplace(frequency.to(theta), decay), *points) for members in self._chunks(theta)]
-        return torch.cat(parts).reshape(*theta.shape[:-1], *parts[0].shape[1:])
+        return _joined(parts, 0).reshape(*theta.shape[:-1], *parts[0].shape[1:])
 
     def _points(
         self, response: Sequence[Point] | None, reference: Sequence[Point] | None, kind: str | None
@@ -222,29 +231,23 @@ class PlateModel(nn.Module):
     ) -> Complex[Tensor, "n_member n_frequency n_response n_reference"]:
         plan = self.plan(theta)
         system = self.assembly.system(*plan)
-        chain = self._chain(theta, plan, laplace, response, reference)
         modes = solve_modes(system.stiffness, system.mass)
-        left = self.assembly.rows(self.mesh.deflection_at(chain.response))
-        right = self._excitation(plan, reference)
-        response_row, reference_row, dashpot = (rows @ modes.shape for rows in (left, right, system.dashpot))
         hysteretic = None
         if system.hysteretic is not None:
             hysteretic = modes.shape.mT @ system.hysteretic @ modes.shape
-        lines = self._lines_at_once(len(theta), modes.eigenvalue.shape[-1], left, right, system)
-        parts = [
-            receptance(
-                modes.eigenvalue,
-                system.proportional,
-                s,
-                response_row,
-                reference_row,
-                dashpot,
-                system.viscous,
-                hysteretic,
-            )
-            for s in chain.laplace.split(lines, dim=-1)
-        ]
-        whole = _as_kind(torch.cat(parts, dim=-3), chain, kind)
+
+        def solve(s: Tensor, left: Tensor, right: Tensor) -> Tensor:
+            rows = [row @ modes.shape for row in (left, right, system.dashpot)]
+            at_once = self._lines_at_once(len(theta), modes.eigenvalue.shape[-1], left, right, system)
+            parts = [
+                receptance(
+                    modes.eigenvalue, system.proportional, lines, rows[0], rows[1], rows[2], system.viscous, hysteretic
+                )
+                for lines in s.split(at_once, dim=-1)
+            ]
+            return _joined(parts, -3)
+
+        whole = self._observed(theta, plan, laplace, (response, reference, kind), solve)
         return whole.expand(len(theta), *whole.shape[-3:])
 
     def frf_direct(
@@ -257,13 +260,43 @@ class PlateModel(nn.Module):
         decay: float = 0.0,
     ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
         """The same as `frf`, by solving the dynamic stiffness at every line: slow, and independent of any mode."""
-        places = self._points(response, reference, kind)
+        points = self._points(response, reference, kind)
         plan = self.plan(theta)
         system = self.assembly.system(*plan)
-        chain = self._chain(theta, plan, _laplace(frequency.to(theta), decay), *places[:2])
-        rows = self.assembly.rows(self.mesh.deflection_at(chain.response)), self._excitation(plan, places[1])
-        whole = _as_kind(direct_receptance(system, chain.laplace, *rows), chain, places[2])
+        solve = functools.partial(direct_receptance, system)
+        whole = self._observed(theta, plan, _laplace(frequency.to(theta), decay), points, solve)
         return whole.expand(*theta.shape[:-1], *whole.shape[-3:])
+
+    def observed(
+        self,
+        theta: Float[Tensor, "*batch n_parameter"],
+        plan: Plan,
+        frequency: Float[Tensor, " n_frequency"],
+        solve: Callable[[Tensor, Tensor, Tensor], Tensor],
+    ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
+        """The measurement's FRFs, from any way to solve for receptances.
+
+        Args:
+            theta: searched parameters in SI units.
+            plan: what the effects make of them.
+            frequency: lines [Hz].
+            solve: from s, response rows and reference rows to receptances.
+        """
+        return self._observed(theta, plan, _laplace(frequency.to(theta), 0.0), self._points(None, None, None), solve)
+
+    def _observed(
+        self,
+        theta: Tensor,
+        plan: Plan,
+        laplace: Tensor,
+        points: tuple[Tensor, Tensor | None, str],
+        solve: Callable[[Tensor, Tensor, Tensor], Tensor],
+    ) -> Tensor:
+        """Receptances as the sensor chain reports them."""
+        response, reference, kind = points
+        chain = self._chain(theta, plan, laplace, response, reference)
+        left = self.assembly.rows(self.mesh.deflection_at(chain.response))
+        return _as_kind(solve(chain.laplace, left, self.excitation(plan, reference)), chain, kind)
 
     def _chain(
         self, theta: Tensor, plan: Plan, laplace: Tensor, response: Tensor, reference: Tensor | None
@@ -277,7 +310,7 @@ class PlateModel(nn.Module):
             chain = effect.observe(chain, value[label], plan.geometry)
         return chain
 
-    def _excitation(self, plan: Plan, reference: Tensor | None) -> Float[Tensor, "*batch n_reference n"]:
+    def excitation(self, plan: Plan, reference: Tensor | None) -> Float[Tensor, "*batch n_reference n"]:
         """Rows of the forces; the base's unit acceleration loads the plate with its inertia."""
         if reference is not None:
             return self.assembly.rows(self.mesh.deflection_at(reference))
@@ -302,6 +335,11 @@ class PlateModel(nn.Module):
         if system.hysteretic is not None:
             numbers += 6 * n_mode**2
         return max(1, self.memory // 2 // (n_member * left.element_size() * numbers))
+
+
+def _joined(parts: Sequence[Tensor], dim: int) -> Tensor:
+    """Chunks put together; a single one is not copied."""
+    return parts[0] if len(parts) == 1 else torch.cat(list(parts), dim=dim)
 
 
 def _laplace(frequency: Tensor, decay: float) -> Tensor:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import torch
 from jaxtyping import Float
+from scipy.sparse import coo_array, csr_array, diags_array
 from torch import Tensor, nn
 
 from torchplate.plate import element
@@ -61,21 +62,33 @@ class Assembly(nn.Module):
         """Rows of every matrix: free dofs, or vectors of the basis."""
         return len(self.free) if self.basis is None else self.basis.shape[-1]
 
-    def stiffness(
+    def stiffness_coefficient(
         self, rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
-    ) -> Float[Tensor, "*batch n n"]:
-        """Stiffness matrix K [N/m] from the rigidity of the elements [N m]."""
+    ) -> Float[Tensor, "*batch n_element 6"]:
+        """What each stiffness pattern is times: the rigidity's six entries, on the unit square."""
         x, y = geometry.length_x, geometry.length_y
         area = (x * y)[..., None]
         turn = torch.stack([1 / x**2, 1 / y**2, 1 / (x * y)], dim=-1)
         weight = turn[..., element.RIGIDITY_ROW] * turn[..., element.RIGIDITY_COLUMN] * area
-        coefficient = rigidity[..., element.RIGIDITY_ROW, element.RIGIDITY_COLUMN] * weight[..., None, :]
+        return rigidity[..., element.RIGIDITY_ROW, element.RIGIDITY_COLUMN] * weight[..., None, :]
+
+    def mass_coefficient(
+        self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry
+    ) -> Float[Tensor, "*batch n_element 1"]:
+        """What the mass pattern is times: the mass of the elements over that of the unit square's."""
+        return (areal_mass * (geometry.length_x * geometry.length_y)[..., None])[..., None]
+
+    def stiffness(
+        self, rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
+    ) -> Float[Tensor, "*batch n n"]:
+        """Stiffness matrix K [N/m] from the rigidity of the elements [N m]."""
+        coefficient = self.stiffness_coefficient(rigidity, geometry)
         return self._assemble(coefficient, self.pattern, slice(0, 6))
 
     def mass(self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry) -> Float[Tensor, "*batch n n"]:
         """Consistent mass matrix M [kg] from the mass per area of the elements [kg/m²]."""
-        coefficient = areal_mass * (geometry.length_x * geometry.length_y)[..., None]
-        return self._assemble(coefficient[..., None], self.mass_pattern[None], slice(6, 7))
+        coefficient = self.mass_coefficient(areal_mass, geometry)
+        return self._assemble(coefficient, self.mass_pattern[None], slice(6, 7))
 
     def rows(self, vector: Float[Tensor, "*batch n_row n_dof"]) -> Float[Tensor, "*batch n_row n"]:
         """Rows over all dofs of the mesh, as rows over those of this assembly."""
@@ -112,8 +125,49 @@ class Assembly(nn.Module):
             if term.viscous is not None:
                 dashpots.append(row)
                 viscous.append(term.viscous)
-        proportional = Proportional(*(sum(part) for part in zip(Proportional(), *damping, strict=True)))
-        return System(mass, stiffness, _concatenate(dashpots, 2), _concatenate(viscous, 1), hysteretic, proportional)
+        return System(
+            mass, stiffness, _concatenate(dashpots, 2), _concatenate(viscous, 1), hysteretic, self.proportional(damping)
+        )
+
+    @staticmethod
+    def proportional(damping: Sequence[Proportional]) -> Proportional:
+        """Damping in proportion to the whole model, summed over the effects that bring it."""
+        return Proportional(*(sum(part) for part in zip(Proportional(), *damping, strict=True)))
+
+    def sparse(
+        self, section: Section, geometry: Geometry, terms: Sequence[Local]
+    ) -> tuple[csr_array, csr_array, csr_array, csr_array | None]:
+        """K, M, the viscous matrix and the elements' own hysteretic matrix of one member, sparse, on the CPU."""
+        stiffness = self._sparse(self.stiffness_coefficient(section.rigidity, geometry), self.pattern)
+        mass = self._sparse(self.mass_coefficient(section.areal_mass, geometry), self.mass_pattern[None])
+        viscous = csr_array(stiffness.shape)
+        hysteretic = None
+        if section.loss_factor is not None:
+            lossy = section.rigidity * section.loss_factor[..., None, None]
+            hysteretic = self._sparse(self.stiffness_coefficient(lossy, geometry), self.pattern)
+        for term in terms:
+            row = csr_array(self.rows(term.vector).double().cpu().numpy())
+            for name, value in (("mass", term.mass), ("stiffness", term.stiffness), ("viscous", term.viscous)):
+                if value is None:
+                    continue
+                added = row.T @ diags_array(value.double().cpu().numpy()) @ row
+                mass = mass + added if name == "mass" else mass
+                stiffness = stiffness + added if name == "stiffness" else stiffness
+                viscous = viscous + added if name == "viscous" else viscous
+        return stiffness, mass, viscous, hysteretic
+
+    def _sparse(self, coefficient: Tensor, pattern: Tensor) -> csr_array:
+        coefficient = coefficient.expand(self.mesh.n_element, coefficient.shape[-1])
+        value = torch.einsum("ek,kpq->epq", coefficient, pattern).flatten().double().cpu().numpy()
+        row, column = (part.cpu().numpy() for part in (self.index // self._width, self.index % self._width))
+        kept = (row < len(self.free)) & (column < len(self.free))
+        size = (len(self.free), len(self.free))
+        return coo_array((value[kept], (row[kept], column[kept])), shape=size).tocsr()
+
+    @property
+    def _width(self) -> int:
+        """Free dofs and the one that stands for all held ones."""
+        return len(self.free) + 1
 
     def _assemble(self, coefficient: Tensor, pattern: Tensor, which: slice) -> Tensor:
         """Σ over elements and patterns; one matrix product where all elements are alike."""
@@ -125,7 +179,7 @@ class Assembly(nn.Module):
         return self._scatter(matrices) if self.basis is None else self._project(matrices)
 
     def _scatter(self, matrices: Float[Tensor, "*batch n_element 12 12"]) -> Float[Tensor, "*batch n n"]:
-        size = len(self.free) + 1
+        size = self._width
         flat = matrices.new_zeros(*matrices.shape[:-3], size * size)
         flat = flat.index_add(-1, self.index, matrices.flatten(-3))
         return flat.unflatten(-1, (size, size))[..., :-1, :-1]

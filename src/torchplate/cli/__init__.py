@@ -1,0 +1,13 @@
+"""YAML in, `runs/` out: the command `torchplate`.
+
+- `config`: the YAML file and its errors (the only file with yaml and pydantic).
+- `build`: from a config to model, evidence and optimiser.
+- `run`, `compare`, `simulate`, `inspect`: the verbs.
+- `result`, `report`, `figures`, `log`: result.json, report.md, the figures, and what goes to TensorBoard as it happens.
+- `main_job`, `paper`: what `make run` and `make paper` do.
+- `main`: the command line.
+"""
+
+from torchplate.cli.main import main
+
+__all__ = ["main"]

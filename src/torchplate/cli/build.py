@@ -1,0 +1,171 @@
+"""From a checked config to what a run needs: model, evidence, objective, optimiser."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from torchplate.cli.config import Config, InputError, SearchConfig, Unknown, quantity, read_config, unknown_key
+from torchplate.discrepancy import OBJECTIVES, Evidence, Objective
+from torchplate.effects import Effect, find_effect, options
+from torchplate.measurement import Measurement, NaturalFrequencies, Placement, place, read_measurement
+from torchplate.model import PlateModel, Point, Searched
+from torchplate.plate import Mesh
+from torchplate.search import Optimizer, optimizer_named
+
+T = TypeVar("T")
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """A checked config, and where it was read from."""
+
+    path: Path
+    raw: dict[str, Any]
+    config: Config
+
+    def model(self, refine: int = 1) -> PlateModel:
+        """The model it describes, with the measurement's responses, references and kind where there is one.
+
+        Args:
+            refine: split each element of the config's mesh once more, in refine × refine.
+        """
+        mesh, effects, known, searched = self._parts(refine)
+        measurement = self.config.measurement
+        response: Sequence[Point] | None = measurement.response
+        reference: Sequence[Point] | None = measurement.reference
+        kind: str | None = measurement.kind
+        if measurement.file is not None and (self.path.parent / measurement.file).exists():
+            frfs = self.measurement()
+            assert frfs is not None
+            found = self.placement(frfs)
+            response = [spot.place for spot in found.response]
+            reference = [spot.place for spot in found.reference] or None
+            kind = frfs.kind
+        return self.told(
+            "effects", lambda: PlateModel(mesh, effects, known, searched, response, reference, kind or "receptance")
+        )
+
+    def _parts(self, refine: int) -> tuple[Mesh, dict[str, Effect], dict[str, float], dict[str, Searched]]:
+        settings = self.config.mesh
+        sides = settings.length_x.value, settings.length_y.value
+        mesh = self.told(
+            "mesh", lambda: Mesh(*sides, settings.n_x, settings.n_y, settings.refine * refine, settings.edges)
+        )
+        effects: dict[str, Effect] = {}
+        known: dict[str, float] = {}
+        searched: dict[str, Searched] = {}
+        for label, body in self.config.effects.items():
+            key = f"effects.{label}"
+            if "effect" not in body:
+                raise self.error(f"{key}.effect", "Expected the name of an effect, got none. Add `effect: plate`, say.")
+            kind = self.told(f"{key}.effect", lambda body=body: find_effect(str(body["effect"])))  # type: ignore[misc]
+            fixed = {name: _frozen(body[name]) for name in options(kind) if name in body}
+            for name, value in body.items():
+                if name == "effect" or name in fixed:
+                    continue
+                if name not in kind.parameters:
+                    raise self.error(f"{key}.{name}", unknown_key(name, [*kind.parameters, *options(kind)]))
+                number = self.told(f"{key}.{name}", lambda value=value: quantity(value))  # type: ignore[misc]
+                if isinstance(number, Unknown):
+                    searched[f"{label}.{name}"] = Searched(number.low, number.high, number.scale == "log")
+                else:
+                    known[f"{label}.{name}"] = number.value
+            effects[label] = self.told(key, lambda kind=kind, fixed=fixed: kind(**fixed))  # type: ignore[misc]
+            # Said here, where the key is known, rather than at the first evaluation.
+            if nodes := fixed.get("nodes") or fixed.get("at"):
+                self.told(f"{key}.{'nodes' if 'nodes' in fixed else 'at'}", lambda nodes=nodes: mesh.places(nodes))  # type: ignore[misc]
+        return mesh, effects, known, searched
+
+    def measurement(self) -> Measurement | None:
+        """The FRFs of the measurement file, cut to the band; None where the config names no file."""
+        settings = self.config.measurement
+        if settings.file is None:
+            return None
+        path = self.path.parent / settings.file
+        if not path.exists():
+            raise self.error("measurement.file", f"Expected a file, found none at {path}. Correct the path.")
+        frfs = self.told("measurement.file", lambda: read_measurement(path, settings.kind))
+        if settings.band is not None:
+            band = settings.band
+            frfs = self.told("measurement.band", lambda: frfs.band(*band))
+        return frfs
+
+    def placement(self, frfs: Measurement) -> Placement:
+        """Where the measurement's responses and references sit on the plate."""
+        settings = self.config.mesh
+        sides = settings.length_x.value, settings.length_y.value
+        return self.told("measurement.file", lambda: place(frfs, *sides, settings.n_x, settings.n_y))
+
+    def evidence(self) -> Evidence:
+        """What the run compares the model with."""
+        settings = self.config.measurement
+        table = None
+        if settings.natural_frequencies is not None:
+            numbers = settings.natural_frequencies
+            table = self.told("measurement.natural_frequencies", lambda: NaturalFrequencies.from_mapping(numbers))
+        frfs = self.measurement()
+        if frfs is None and table is None:
+            raise self.error("measurement", "Expected a file or natural_frequencies, got neither. Add one of them.")
+        return Evidence(frfs, table, settings.gain == "unknown")
+
+    def objective(self, model: PlateModel) -> Objective:
+        """The function of theta that the run minimises."""
+        if self.config.objective.kind not in OBJECTIVES:
+            raise self.error("objective.kind", unknown_key(self.config.objective.kind, OBJECTIVES))
+        return Objective(model, self.evidence(), self.config.objective.kind)
+
+    def optimizer(self) -> Optimizer[Any]:
+        """The search's settings."""
+        name = self.config.search.optimizer
+        kind = self.told("search.optimizer", lambda: optimizer_named(name))
+        fields = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+        settings = dict(self.config.search.model_extra or {})
+        for key in settings:
+            if key not in fields:
+                raise self.error(f"search.{key}", unknown_key(key, [*fields, *SearchConfig.model_fields]))
+        return self.told("search", lambda: kind(**settings))
+
+    def error(self, key: str, message: str) -> InputError:
+        """One sentence that names this file and a key of it."""
+        return InputError(f"{self.path}: {key}: {message}")
+
+    def told(self, key: str, make: Callable[[], T]) -> T:
+        """What `make` returns; its complaint about the user's input gains the file and the key."""
+        try:
+            return make()
+        except InputError:
+            raise
+        except (ValueError, KeyError, TypeError, FileNotFoundError) as error:
+            text = str(error.args[0]) if error.args else str(error)
+            raise self.error(key, text) from error
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(inner) for inner in value) if isinstance(value, list) else value
+
+
+def load_run(path: Path | str, overrides: Sequence[str] = ()) -> Run:
+    """Read and check a config.
+
+    Args:
+        path: a YAML file.
+        overrides: "key.key=value" each, as `--set` takes them.
+
+    Raises:
+        InputError: if the file cannot be used; see `config.read_config`.
+    """
+    return Run(Path(path), *read_config(Path(path), overrides))
+
+
+def load_model(path: Path | str, overrides: Sequence[str] = ()) -> PlateModel:
+    """The model that a config describes; intervals become the searched parameters.
+
+    Args:
+        path: a YAML file, as `torchplate run` takes it.
+        overrides: "key.key=value" each, as `--set` takes them.
+
+    Raises:
+        InputError: if the config or its measurement cannot be used.
+    """
+    return load_run(path, overrides).model()

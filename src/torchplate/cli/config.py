@@ -1,0 +1,260 @@
+"""A run is one YAML file: read and checked here.
+
+The only file that imports yaml and pydantic. Whatever the user wrote wrong comes back as one InputError sentence that
+names the file, the key, what was expected and what came.
+"""
+
+import difflib
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from torchplate.model import Searched
+
+
+class InputError(ValueError):
+    """The user's input cannot be used; the message is the whole sentence for stderr."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Known(_Strict):
+    """A number, and how well it is known: `run` takes the value, `diagnose` weighs it."""
+
+    value: float
+    std: float = Field(default=0.0, ge=0)
+
+
+class Unknown(_Strict):
+    """An interval to be searched."""
+
+    low: float
+    high: float
+    scale: Literal["linear", "log"] = "linear"
+
+    @model_validator(mode="after")
+    def _ends_in_order(self) -> "Unknown":
+        Searched(self.low, self.high, self.scale == "log")
+        return self
+
+
+class MeshConfig(_Strict):
+    """The plate and its elements; see `plate.Mesh`."""
+
+    length_x: Known
+    length_y: Known
+    n_x: int = Field(gt=0)
+    n_y: int = Field(gt=0)
+    refine: int = Field(default=1, gt=0)
+    edges: dict[str, Literal["free", "simply_supported", "clamped"]] = {}
+
+    @field_validator("length_x", "length_y", mode="before")
+    @classmethod
+    def _length(cls, value: Any) -> Any:
+        quantity = parse_quantity(value)
+        if isinstance(quantity, Unknown):
+            raise ValueError("a number in m, since the sides of the plate are not searched (an effect may change them)")
+        return quantity
+
+
+class MeasurementConfig(_Strict):
+    """What was measured, and where; `response` and `reference` stand in where no file names them."""
+
+    file: Path | None = None
+    band: tuple[float, float] | None = None
+    kind: Literal["receptance", "mobility", "accelerance", "transmissibility"] | None = None
+    gain: Literal["known", "unknown"] = "known"
+    natural_frequencies: dict[int, float] | None = None
+    response: list[int | tuple[float, float]] | None = None
+    reference: list[int | tuple[float, float]] | None = None
+
+
+class ObjectiveConfig(_Strict):
+    """How the gap is measured; see `discrepancy.objective`."""
+
+    kind: str = "relative_frf_norm"
+
+
+class SearchConfig(BaseModel):
+    """The optimiser and when it stops; other keys are the optimiser's own settings."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    optimizer: str = "differential_evolution"
+    n_generation: int = Field(default=100, gt=0)
+    n_evaluation: int | None = Field(default=None, gt=0)
+    tolerance: float | None = Field(default=1e-8, ge=0)
+    stagnation: int | None = Field(default=None, gt=0)
+    target: float | None = None
+    seed: int = Field(default=0, ge=0)
+    n_repeat: int = Field(default=1, gt=0)
+    basis: Literal["auto", "full"] = "auto"
+
+
+class LogConfig(_Strict):
+    """What goes to TensorBoard beside the scalars."""
+
+    n_figure: int = Field(default=4, ge=0)
+
+
+class ModalTestConfig(_Strict):
+    """The virtual test of `simulate`; see `measurement.modal_test` and `measurement.analyser`."""
+
+    analyser: str | dict[str, Any] = "sr785"
+    hammer: dict[str, Any] = {}
+    response: list[int | tuple[float, float]] | None = None
+    reference: list[int | tuple[float, float]] | None = None
+    kind: Literal["receptance", "mobility", "accelerance"] = "accelerance"
+    refine: int = Field(default=3, gt=0)
+    seed: int = Field(default=0, ge=0)
+
+
+class Config(_Strict):
+    """One run, whole."""
+
+    mesh: MeshConfig
+    effects: dict[str, dict[str, Any]]
+    measurement: MeasurementConfig = MeasurementConfig()
+    objective: ObjectiveConfig = ObjectiveConfig()
+    search: SearchConfig = SearchConfig()
+    modal_test: ModalTestConfig = ModalTestConfig()
+    log: LogConfig = LogConfig()
+
+
+def quantity(value: Any) -> Known | Unknown:
+    """A number, a number with its tolerance, or an interval.
+
+    Raises:
+        ValueError: for anything else, saying what was expected and what came.
+    """
+    try:
+        return parse_quantity(value)
+    except ValidationError as error:
+        raise ValueError(first_complaint(error)[1]) from None
+    except ValueError as error:
+        raise ValueError(f"Expected {error}, got {value!r}.") from None
+
+
+def parse_quantity(value: Any) -> Known | Unknown:
+    """As `quantity`; the error says only what was expected."""
+    if isinstance(value, list | tuple) and len(value) == 2:
+        return Unknown(low=value[0], high=value[1])
+    if isinstance(value, Mapping):
+        return Known(**value) if "value" in value else Unknown(**value)
+    if isinstance(value, bool | list | tuple):
+        raise ValueError("a number, an interval [low, high], or {value: , std: }")
+    try:
+        return Known(value=value)
+    except ValidationError:
+        raise ValueError("a number, an interval [low, high], or {value: , std: }") from None
+
+
+def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any], Config]:
+    """Read and check a config.
+
+    Args:
+        path: a YAML file.
+        overrides: "key.key=value" each, the value in YAML.
+
+    Returns:
+        What the file says with the overrides in it, and the same checked.
+
+    Raises:
+        InputError: if the file is absent, is not YAML, or a key is unknown or has the wrong kind of value.
+    """
+    if not path.is_file():
+        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*.yaml")], n=1)
+        guess = f" Did you mean {path.parent / near[0]}?" if near else ""
+        raise InputError(f"{path}: Expected a config file, found none.{guess} Give the path of a YAML file.")
+    try:
+        raw = yaml.safe_load(path.read_text())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        problem = " ".join(str(error).split())
+        raise InputError(f"{path}: Expected YAML, got a file that is not ({problem}). Correct it there.") from None
+    if not isinstance(raw, dict):
+        raise InputError(f"{path}: Expected keys such as mesh and effects, got {type(raw).__name__}. See README.md.")
+    raw = _numbers(raw)
+    for override in overrides:
+        _override(raw, override)
+    try:
+        config = Config.model_validate(raw)
+    except ValidationError as error:
+        key, message = first_complaint(error)
+        raise InputError(f"{path}: {key}: {message}") from None
+    return raw, config
+
+
+def dump(raw: Mapping[str, Any]) -> str:
+    """A config as YAML, in the order it was written."""
+    return yaml.safe_dump(dict(raw), sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
+
+
+def _numbers(value: Any) -> Any:
+    """PyYAML reads 2.1e11 and 1e-3 as text; the user meant numbers."""
+    if isinstance(value, dict):
+        return {key: _numbers(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_numbers(inner) for inner in value]
+    return float(value) if isinstance(value, str) and _NUMBER.fullmatch(value) else value
+
+
+def _override(raw: dict[str, Any], text: str) -> None:
+    key, sign, value = text.partition("=")
+    if not sign or not key:
+        raise InputError(f"--set {text}: Expected key.key=value, got no value. Write --set search.seed=3, say.")
+    *parents, last = key.split(".")
+    target = raw
+    for parent in parents:
+        target = target.setdefault(parent, {})
+        if not isinstance(target, dict):
+            raise InputError(f"--set {text}: Expected {parent} to hold keys, got {target!r}. Shorten the key.")
+    try:
+        target[last] = _numbers(yaml.safe_load(value))
+    except yaml.YAMLError:
+        raise InputError(f"--set {text}: Expected a YAML value, got '{value}'. Put it in quotes.") from None
+
+
+def unknown_key(name: str, known: Sequence[str] | Mapping[str, Any]) -> str:
+    """The sentence for a key or name that nothing answers to, with the nearest one."""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+    guess = f" Did you mean '{near[0]}'?" if near else ""
+    return f"No key or name '{name}' here.{guess} There are: {', '.join(known)}."
+
+
+def first_complaint(error: ValidationError) -> tuple[str, str]:
+    """Key and sentence of the first complaint."""
+    first = error.errors()[0]
+    where = [str(part) for part in first["loc"]]
+    key = ".".join(where) or "config"
+    given = first.get("input")
+    if first["type"] == "extra_forbidden":
+        return key, unknown_key(where[-1], _keys_at(where[:-1]))
+    if first["type"] == "missing":
+        return key, "Expected a value, got none. Add it."
+    message = str(first["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    message = message.removeprefix("Input should be ")
+    if message.startswith("Expected"):
+        return key, message
+    shown = "no finite number" if isinstance(given, float) and not math.isfinite(given) else repr(given)
+    return key, f"Expected {message}, got {shown}. Correct it."
+
+
+def _keys_at(where: Sequence[str]) -> list[str]:
+    """Keys that a config may have at a place."""
+    model: Any = Config
+    for part in where:
+        field = model.model_fields.get(part) if hasattr(model, "model_fields") else None
+        if field is None:
+            return []
+        model = field.annotation
+    return list(model.model_fields) if hasattr(model, "model_fields") else []

@@ -1,0 +1,107 @@
+"""What a run writes while it goes on: TensorBoard, the history table, checkpoints. The only file with tensorboard."""
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from matplotlib.figure import Figure
+from torch import Tensor
+from torch.utils.tensorboard import SummaryWriter
+from torch.utils.tensorboard.summary import hparams
+
+from torchplate.search import Progress
+
+HISTORY = ("search", "generation", "n_evaluation", "best_objective", "mean_objective", "spread")
+
+
+class RunLog:
+    """Writes one run's folder; scalars are plotted over the number of evaluations.
+
+    Args:
+        folder: the run's folder, made if it is not there.
+        names: searched parameters, "label.parameter".
+        keep: continue the history of a run that was interrupted, up to this generation.
+    """
+
+    def __init__(self, folder: Path, names: tuple[str, ...], keep: int | None = None) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder, self.names = folder, names
+        rows = read_history(folder) if keep is not None else []
+        self._rows = [row for row in rows if int(row["generation"]) <= (keep or 0)]
+        purge = 1 + max((int(row["n_evaluation"]) for row in self._rows), default=-1)
+        self._writer = SummaryWriter(str(folder), purge_step=purge if keep is not None else None)
+        with self._history.open("w", newline="") as file:
+            writer = csv.DictWriter(file, [*HISTORY, *names])
+            writer.writeheader()
+            writer.writerows(self._rows)
+
+    @property
+    def _history(self) -> Path:
+        return self.folder / "history.csv"
+
+    def generation(self, progress: Progress, theta: Tensor) -> None:
+        """One generation: a row for each independent search, scalars of the best of them, a checkpoint.
+
+        Args:
+            progress: where the searches stand.
+            theta: best values in SI units [n_search, n_parameter].
+        """
+        columns = [progress.n_evaluation, progress.best_objective, progress.mean_objective, progress.spread]
+        with self._history.open("a", newline="") as file:
+            writer = csv.writer(file)
+            for search, (numbers, values) in enumerate(
+                zip(zip(*(column.tolist() for column in columns), strict=True), theta.tolist(), strict=True)
+            ):
+                writer.writerow(
+                    [search, progress.generation, numbers[0], *(f"{n:.10g}" for n in [*numbers[1:], *values])]
+                )
+        best = int(progress.best_objective.argmin())
+        step = int(progress.n_evaluation[best])
+        for tag, column in zip(HISTORY[3:], columns[1:], strict=True):
+            self._writer.add_scalar(f"search/{tag}", float(column[best]), step)
+        self._writer.add_scalar("search/generation", progress.generation, step)
+        for name, value in zip(self.names, theta[best].tolist(), strict=True):
+            self._writer.add_scalar(f"parameter/{name}", value, step)
+        save_atomically(progress.checkpoint(), self.folder / "checkpoint.pt")
+
+    def scalar(self, tag: str, value: float, step: int) -> None:
+        """One more scalar."""
+        self._writer.add_scalar(tag, value, step)
+
+    def figure(self, tag: str, figure: Figure, step: int) -> None:
+        """One figure, as an image."""
+        self._writer.add_figure(tag, figure, step, close=False)
+
+    def settings(self, settings: Mapping[str, Any], results: Mapping[str, float]) -> None:
+        """Settings and results for the HParams page, in this folder (`add_hparams` would open one more)."""
+        plain = {key: value if isinstance(value, bool | int | float) else str(value) for key, value in settings.items()}
+        writer = self._writer._get_file_writer()
+        for summary in hparams(plain, dict(results)):
+            writer.add_summary(summary)
+        for tag, value in results.items():
+            self._writer.add_scalar(tag, value, 0)
+
+    def close(self) -> None:
+        """Flush and close."""
+        self._writer.close()
+
+
+def read_history(folder: Path) -> list[dict[str, str]]:
+    """Rows of a run's history; none where there is no history.
+
+    A row that an interruption has cut short is left out.
+    """
+    path = folder / "history.csv"
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return [row for row in csv.DictReader(file) if None not in row.values()]
+
+
+def save_atomically(content: Mapping[str, Tensor], path: Path) -> None:
+    """Write a checkpoint so that an interruption leaves the old one whole."""
+    partial = path.with_suffix(".partial")
+    torch.save(dict(content), partial)
+    partial.replace(path)

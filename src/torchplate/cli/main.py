@@ -1,0 +1,81 @@
+"""The command line. Exit status 0: done; 2: the user's input cannot be used; 1: a defect of ours."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.padding import Padding
+from rich.table import Table
+
+from torchplate.cli.compare import compare
+from torchplate.cli.config import InputError
+from torchplate.cli.inspect import inspect
+from torchplate.cli.run import run
+from torchplate.cli.simulate import simulate
+from torchplate.effects import CATALOGUE, options
+from torchplate.measurement import MeasurementError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb; returns the exit status."""
+    parsed = _parser().parse_args(arguments)
+    try:
+        parsed.verb(parsed)
+    except (InputError, MeasurementError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("Stopped. What was computed is in the run's folder; go on with --resume.", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("torchplate", description="Model updating of plates from measured vibration.")
+    verbs = parser.add_subparsers(required=True, metavar="VERB")
+
+    verb = verbs.add_parser("run", help="search the intervals of a config, or evaluate the model where it has none")
+    verb.add_argument("config", type=Path, help="YAML file")
+    verb.add_argument("--out", type=Path, help="the run's folder (default: runs/<config name>/<time>)")
+    verb.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a value of the config")
+    verb.add_argument("--device", default="cpu", help="where the tensors live (default: cpu)")
+    verb.add_argument(
+        "--resume", action="store_true", help="go on from the checkpoint in --out, or in the latest folder"
+    )
+    verb.set_defaults(verb=lambda a: run(a.config, a.out, a.set, a.device, a.resume))
+
+    verb = verbs.add_parser("simulate", help="a virtual hammer test of a config's model, as an analyser would make it")
+    verb.add_argument("config", type=Path, help="YAML file; numbers only")
+    verb.add_argument("--out", type=Path, required=True, help="the file to write: .uff or .npz")
+    verb.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a value of the config")
+    verb.set_defaults(verb=lambda a: simulate(a.config, a.out, a.set))
+
+    verb = verbs.add_parser("compare", help="lay finished runs over each other")
+    verb.add_argument("runs", type=Path, nargs="+", metavar="RUN_DIR", help="folders of finished runs")
+    verb.add_argument("--out", type=Path, help="where the comparison goes (default: the folder above the runs)")
+    verb.set_defaults(verb=lambda a: compare(a.runs, a.out))
+
+    verb = verbs.add_parser("inspect", help="what a measurement file holds, and whether it can be trusted")
+    verb.add_argument("file", type=Path, help=".uff, .unv or .npz")
+    verb.add_argument("--out", type=Path, help="folder of the figure (default: runs/inspect)")
+    verb.set_defaults(verb=lambda a: inspect(a.file, a.out))
+
+    verb = verbs.add_parser("effects", help="the catalogue of effects")
+    verb.set_defaults(verb=lambda _: effects(Console()))
+    return parser
+
+
+def effects(console: Console) -> None:
+    """Print the catalogue: every effect, its parameters, and what it shows in the data."""
+    for name, effect in CATALOGUE.items():
+        console.print(f"[bold]{name}[/]  acts on {', '.join(sorted(effect.acts_on))}")
+        console.print(Padding(effect.shows, (0, 0, 0, 2)))
+        table = Table(box=None, show_header=False, padding=(0, 2))
+        for option in options(effect):
+            table.add_row(option, "", "", "fixed, never searched")
+        for key, parameter in effect.parameters.items():
+            neutral = "" if parameter.neutral is None else f"neutral {parameter.neutral:g}"
+            table.add_row(key, rf"\[{parameter.unit}]", neutral, parameter.meaning)
+        console.print(table)

@@ -1,0 +1,47 @@
+"""`make run`: a virtual modal test and the paper's measured natural frequencies, each identified by DE and by ABC."""
+
+import sys
+import time
+from pathlib import Path
+
+from rich.console import Console
+
+from torchplate.cli.compare import compare
+from torchplate.cli.config import InputError
+from torchplate.cli.run import run
+from torchplate.cli.simulate import simulate
+from torchplate.measurement import MeasurementError
+
+CONFIGS = Path("configs")
+RUNS = Path("runs")
+# A colony of 32 bees: 16 food sources, so that a cycle costs as many evaluations as a generation of 32 members.
+BEES = "search={optimizer: artificial_bee_colony, n_member: 16, n_generation: 100, seed: 0}"
+SEARCHES = {"differential_evolution": (), "artificial_bee_colony": (BEES,)}
+
+
+def main() -> int:
+    """Do it all; returns the exit status."""
+    console = Console()
+    began = time.monotonic()
+    try:
+        simulate(CONFIGS / "virtual_plate.yaml", RUNS / "steel_plate" / "virtual_test.uff", console=console)
+        for name in ("steel_plate", "measured_frequencies"):
+            folders = []
+            for search, overrides in SEARCHES.items():
+                console.rule(f"{name}: {search}")
+                folders.append(run(CONFIGS / f"{name}.yaml", RUNS / name / search, overrides, console=console).folder)
+            console.rule(f"{name}: side by side")
+            compare(folders, console=console)
+    except (InputError, MeasurementError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    console.print(
+        f"Done in {time.monotonic() - began:.0f} s. Results lie in {RUNS}/steel_plate and {RUNS}/measured_frequencies; "
+        f"DE over ABC: .venv/bin/tensorboard --logdir {RUNS}",
+        soft_wrap=True,
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,275 @@
+"""`torchplate run`: search the intervals of a config, and write down everything."""
+
+import json
+import platform
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import torch
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+from torch import Tensor
+
+from torchplate.cli.build import Run, load_run
+from torchplate.cli.compare import histories
+from torchplate.cli.config import InputError, dump
+from torchplate.cli.figures import convergence
+from torchplate.cli.log import RunLog
+from torchplate.cli.report import figures, frf_figures, write_report
+from torchplate.cli.result import caveats, summarise
+from torchplate.discrepancy import Objective, sensitivity
+from torchplate.model import DENSE, SparseModel, basis_error, reduce
+from torchplate.search import Checkpoint, Outcome, minimize
+from torchplate.search import Progress as SearchProgress
+
+N_FREQUENCY_LISTED = 20
+# Relative FRF norm beyond which the reduced basis is not believed at the best member.
+TRUSTED = 1e-3
+PACKAGES = ("torchplate-fem", "torch", "numpy", "scipy", "pyuff", "pydantic", "tensorboard", "matplotlib")
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a run ended with.
+
+    Attributes:
+        folder: the run's folder.
+        result: the content of result.json.
+        caveats: what a user must know before trusting the values, one sentence each.
+    """
+
+    folder: Path
+    result: dict[str, Any]
+    caveats: list[str]
+
+
+def run(
+    path: Path | str,
+    out: Path | None = None,
+    overrides: Sequence[str] = (),
+    device: str = "cpu",
+    resume: bool = False,
+    console: Console | None = None,
+) -> Found:
+    """Search the intervals of a config, or evaluate the model where it has none, and write the run's folder.
+
+    Args:
+        path: the YAML file.
+        out: the run's folder; `runs/<config name>/<time>` if left out.
+        overrides: "key.key=value" each.
+        device: where the tensors live.
+        resume: go on from the checkpoint in `out`, or in the config's latest folder under runs/.
+        console: where progress goes.
+
+    Raises:
+        InputError: if the config, the measurement or the device cannot be used, or there is nothing to resume.
+    """
+    console = console or Console()
+    recipe = load_run(path, overrides)
+    model = recipe.model().to(_device(device))
+    objective = recipe.objective(model)
+    recipe.optimizer()  # so that a wrong setting is said before anything is written
+    folder = _folder(recipe, out, resume)
+    checkpoint = _checkpoint(recipe, folder) if resume else None
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "config.yaml").write_text(dump(_relocated(recipe)))
+    (folder / "versions.json").write_text(json.dumps(_versions(device), indent=1) + "\n")
+    console.print(f"[bold]{recipe.path.stem}[/]: {_described(objective)}")
+    searched = _in_reduced_basis(recipe, objective, console)
+    if not model.names:
+        return _finished(recipe, objective, searched, folder, model.known.new_zeros(1, 0), None, console)
+    log = RunLog(folder, model.names, None if checkpoint is None else int(checkpoint["generation"]))
+    try:
+        outcome = _search(recipe, searched, log, checkpoint, console)
+        order = outcome.best_objective.argsort()
+        theta = model.space.to_si(outcome.best_position[order])
+        found = _finished(recipe, objective, searched, folder, theta, outcome, console)
+        step = int(outcome.n_evaluation.max())
+        for tag, figure in frf_figures(searched, theta[0]).items() if recipe.config.log.n_figure else ():
+            log.figure(tag, figure, step)
+        log.scalar("gap/baseline", found.result["gap"], step)
+        settings = {"optimizer": recipe.config.search.optimizer, "seed": recipe.config.search.seed}
+        results = {"hparam/objective": found.result["objective"], "hparam/gap": found.result["gap"]}
+        log.settings(settings | (recipe.config.search.model_extra or {}), results)
+    finally:
+        log.close()
+    return found
+
+
+def _in_reduced_basis(recipe: Run, objective: Objective, console: Console) -> Objective:
+    """The same objective in a reduced basis, where one is worth it and good enough."""
+    model, evidence = objective.model, objective.evidence
+    if recipe.config.search.basis == "full" or (not model.names and model.assembly.size <= DENSE):
+        return objective
+    small = reduce(model, *_wanted(objective))
+    if small is None:
+        return objective
+    console.print(
+        f"  {model.assembly.size} dofs in a reduced basis of {small[0].assembly.size}: "
+        f"error at most {small[1]:.0e} on members it was not built from"
+    )
+    return Objective(small[0], evidence, objective.kind)
+
+
+def _wanted(objective: Objective) -> tuple[Tensor | None, int]:
+    """Lines at which FRFs must be right, and the number of natural frequencies that must be."""
+    frfs, table = objective.evidence.measurement, objective.evidence.natural_frequencies
+    return None if frfs is None else frfs.frequency, 0 if table is None else int(table.mode.max())
+
+
+def _search(recipe: Run, searched: Objective, log: RunLog, checkpoint: Checkpoint | None, console: Console) -> Outcome:
+    """The search, with its progress on the screen and in the log."""
+    settings, model = recipe.config.search, searched.model
+    columns = (
+        TextColumn("  {task.description}"),
+        BarColumn(),
+        TextColumn("generation {task.completed}/{task.total}  best {task.fields[best]:.6g}  {task.fields[rate]:.0f}/s"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    n_figure = recipe.config.log.n_figure
+    drawn_at = {settings.n_generation * turn // n_figure for turn in range(1, n_figure)}
+    with Progress(*columns, console=console, transient=not console.is_terminal) as bar:
+        task = bar.add_task(settings.optimizer, total=settings.n_generation, best=float("inf"), rate=0.0)
+        began, before = time.monotonic(), 0 if checkpoint is None else int(checkpoint["n_evaluation"].sum())
+
+        def report(progress: SearchProgress) -> None:
+            theta = model.space.to_si(progress.best_position)
+            log.generation(progress, theta)
+            rate = (int(progress.n_evaluation.sum()) - before) / max(time.monotonic() - began, 1e-9)
+            best = int(progress.best_objective.argmin())
+            bar.update(task, completed=progress.generation, best=float(progress.best_objective[best]), rate=rate)
+            if progress.generation in drawn_at:
+                for tag, figure in frf_figures(searched, theta[best]).items():
+                    log.figure(tag, figure, int(progress.n_evaluation[best]))
+
+        return minimize(
+            lambda position: searched(model.space.to_si(position)),
+            recipe.optimizer(),
+            n_dimension=len(model.names),
+            generator=torch.Generator(model.known.device).manual_seed(settings.seed),
+            batch_shape=(settings.n_repeat,),
+            n_generation=settings.n_generation,
+            n_evaluation=settings.n_evaluation,
+            target=settings.target,
+            tolerance=settings.tolerance,
+            stagnation=settings.stagnation,
+            dtype=model.known.dtype,
+            on_generation=report,
+            resume=checkpoint,
+        )
+
+
+@torch.no_grad()
+def _finished(
+    recipe: Run,
+    objective: Objective,
+    searched: Objective,
+    folder: Path,
+    theta: Tensor,
+    outcome: Outcome | None,
+    console: Console,
+) -> Found:
+    """Confirm the best on the full model, then write the result, the report and its figures."""
+    best = theta[0]
+    seen = sensitivity(searched, best) if objective.model.names else None
+    sentences = [] if seen is None else caveats(searched, best, seen)
+    lowest = SparseModel(objective.model, best).modes(N_FREQUENCY_LISTED, dense=objective.model.assembly.size <= DENSE)
+    listed = lowest.frequency[:N_FREQUENCY_LISTED].tolist()
+    result = summarise(searched, theta, searched(theta), seen, outcome, recipe.config.search, listed)
+    if searched is not objective:
+        result["basis_error"] = basis_error(objective.model, searched.model, best[None], *_wanted(objective))
+        if result["basis_error"] > TRUSTED:
+            sentences.append(
+                f"On the full model the best member differs by {result['basis_error']:.1e} from what the reduced basis "
+                "says. Run again with --set search.basis=full."
+            )
+    (folder / "result.json").write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+    drawn = figures(searched, best)
+    if outcome is not None:
+        drawn["convergence"] = convergence(histories([folder]), result["objective_kind"])
+    write_report(recipe, searched, best, result, sentences, drawn, folder)
+    _say(console, folder, result, sentences)
+    return Found(folder, result, sentences)
+
+
+def _say(console: Console, folder: Path, result: dict[str, Any], sentences: Sequence[str]) -> None:
+    if result["parameters"]:
+        table = Table("parameter", "value", "standard error", "unit", "", box=None, padding=(0, 2))
+        for name, entry in result["parameters"].items():
+            std = "not seen" if entry["std"] is None else f"{entry['std']:.2g}"
+            table.add_row(
+                name, f"{entry['value']:.6g}", std, entry["unit"], "on its bound" if entry["at_bound"] else ""
+            )
+        console.print(table)
+    console.print(
+        f"  {result['objective_kind']} {result['objective']:.6g}, gap {100 * result['gap']:.3g} %. {result['status']}"
+    )
+    for sentence in sentences:
+        console.print(f"  [yellow]Note:[/] {sentence}")
+    console.print(f"  Results: {folder}", soft_wrap=True)
+
+
+def _described(objective: Objective) -> str:
+    evidence, parts = objective.evidence, []
+    if (frfs := evidence.measurement) is not None:
+        first, last = float(frfs.frequency[0]), float(frfs.frequency[-1])
+        parts.append(f"{len(frfs.pairs)} FRFs ({frfs.kind}), {len(frfs.frequency)} lines, {first:g} to {last:g} Hz")
+    if evidence.natural_frequencies is not None:
+        parts.append(f"{len(evidence.natural_frequencies.mode)} natural frequencies")
+    names = ", ".join(objective.model.names) or "nothing"
+    return f"{' and '.join(parts)}; searching {names}"
+
+
+def _device(name: str) -> torch.device:
+    try:
+        device = torch.device(name)
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(
+            f"--device {name}: Expected a device that torch can use, got none ({reason}). Use cpu."
+        ) from None
+    return device
+
+
+def _folder(recipe: Run, out: Path | None, resume: bool) -> Path:
+    if out is not None:
+        return Path(out)
+    home = Path("runs") / recipe.path.stem
+    if not resume:
+        return home / time.strftime("%Y-%m-%d_%H-%M-%S")
+    past = sorted(folder.parent for folder in home.glob("*/checkpoint.pt"))
+    if not past:
+        raise InputError(
+            f"{recipe.path}: --resume: Expected a checkpoint under {home}, found none. Leave --resume out."
+        )
+    return past[-1]
+
+
+def _checkpoint(recipe: Run, folder: Path) -> Checkpoint:
+    path = folder / "checkpoint.pt"
+    if not path.exists():
+        raise InputError(f"{recipe.path}: --resume: Expected a checkpoint at {path}, found none. Leave --resume out.")
+    checkpoint: Checkpoint = torch.load(path, weights_only=True)
+    return checkpoint
+
+
+def _relocated(recipe: Run) -> dict[str, Any]:
+    """The config as it was run, overrides included; the measurement's path absolute, so that the copy runs too."""
+    raw = dict(recipe.raw)
+    if recipe.config.measurement.file is not None:
+        file = (recipe.path.parent / recipe.config.measurement.file).resolve()
+        raw["measurement"] = dict(raw["measurement"]) | {"file": str(file)}
+    return raw
+
+
+def _versions(device: str) -> dict[str, Any]:
+    packages = {name: version(name) for name in PACKAGES}
+    machine = {"python": platform.python_version(), "platform": platform.platform(), "device": device}
+    return machine | {"n_thread": torch.get_num_threads()} | packages

@@ -1,0 +1,97 @@
+"""One member of the model in sparse matrices: modes, residuals and FRFs on meshes too fine for dense ones.
+
+The eigensolver is ARPACK by shift-invert, the direct solves are SuperLU, both through scipy.
+"""
+
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+import scipy.sparse.linalg
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from torchplate.model.modes import Modes
+from torchplate.model.plate_model import PlateModel
+
+# Shift below zero [rad²/s²]: a free plate's K is singular, K + shift M is not. About 5 Hz.
+SHIFT = 1e3
+
+
+class SparseModel:
+    """K and M of one member, and what is solved with them, in float64 on the CPU.
+
+    Args:
+        model: the full model.
+        theta: its searched parameters in SI units.
+    """
+
+    def __init__(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> None:
+        self.model, self.theta = model, theta
+        self.plan = model.plan(theta)
+        matrices = model.assembly.sparse(self.plan.section, self.plan.geometry, self.plan.terms)
+        self.stiffness, self.mass, self.viscous, self.hysteretic = matrices
+        self._factor: Any = None
+
+    def modes(self, n_mode: int, frequency: float = 0.0, dense: bool = False) -> Modes:
+        """The lowest modes: at least `n_mode`, all up to `frequency` [Hz], and one beyond.
+
+        Args:
+            n_mode: how many at least.
+            frequency: up to where.
+            dense: solve for all modes by LAPACK; faster on small meshes.
+        """
+        n = self.stiffness.shape[0]
+        if dense:
+            value, shape = scipy.linalg.eigh(self.stiffness.toarray(), self.mass.toarray())
+        else:
+            count = max(n_mode + 2, 20)
+            while True:
+                count = min(count, n - 2)
+                inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=self._solve, dtype=np.float64)
+                start = np.random.default_rng(0).standard_normal(n)
+                value, shape = scipy.sparse.linalg.eigsh(
+                    self.stiffness, count, self.mass, sigma=-SHIFT, OPinv=inverse, v0=start, tol=1e-12
+                )
+                order = value.argsort()
+                value, shape = value[order], shape[:, order]
+                if value[-1] > (2 * np.pi * frequency) ** 2 or count == n - 2:
+                    break
+                count = 2 * count
+        like = self.model.known
+        return Modes(torch.from_numpy(value).to(like), torch.from_numpy(np.ascontiguousarray(shape)).to(like))
+
+    def residual(self, shape: Float[Tensor, "n n_mode"], forces: Float[Tensor, "n_row n"]) -> Float[Tensor, "n n_row"]:
+        """What static forces move beyond the given modes: (K + shift M)⁻¹ f, made M-orthogonal to the modes."""
+        modes = shape.double().cpu().numpy()
+        moved = self._solve(forces.double().cpu().numpy().T.copy())
+        moved = moved - modes @ (modes.T @ (self.mass @ moved))
+        return torch.from_numpy(moved).to(shape)
+
+    def times_mass(self, columns: Float[Tensor, "n n_column"]) -> Float[Tensor, "n n_column"]:
+        """M times columns."""
+        return torch.from_numpy(self.mass @ columns.double().cpu().numpy()).to(columns)
+
+    def frf(self, frequency: Float[Tensor, " n_frequency"]) -> Complex[Tensor, "n_frequency n_response n_reference"]:
+        """The model's FRFs by one sparse solve of the dynamic stiffness at each line."""
+        return self.model.observed(self.theta, self.plan, frequency, self._receptance)
+
+    def _receptance(self, laplace: Tensor, response: Tensor, reference: Tensor) -> Tensor:
+        beta, eta, a, b = (float(value) for value in self.model.assembly.proportional(self.plan.damping))
+        left, right = (rows.double().cpu().numpy() for rows in (response, reference))
+        lines = []
+        for s in laplace.tolist():
+            impedance = self.stiffness * (1 + 1j * beta + s * b) + self.mass * (1j * eta + s * a + s**2)
+            impedance = impedance + s * self.viscous
+            if self.hysteretic is not None:
+                impedance = impedance + 1j * self.hysteretic
+            solved = scipy.sparse.linalg.splu(impedance.tocsc()).solve(right.T.astype(complex))
+            lines.append(left @ solved)
+        return torch.from_numpy(np.stack(lines)).to(laplace)
+
+    def _solve(self, right: np.ndarray) -> np.ndarray:
+        if self._factor is None:
+            self._factor = scipy.sparse.linalg.splu((self.stiffness + SHIFT * self.mass).tocsc())
+        return self._factor.solve(right)
