@@ -8,10 +8,7 @@ from rich.console import Console
 
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.config import InputError, ModalTestConfig
-from torchplate.measurement import Measurement, write_uff
-from torchplate.measurement.analyser import ANALYSERS, Analyser
-from torchplate.measurement.modal_test import Hammer
-from torchplate.measurement.modal_test import simulate as hit
+from torchplate.measurement import ANALYSERS, Analyser, Hammer, Measurement, hammer_test, write_uff
 from torchplate.model import PlateModel, reduce
 from torchplate.search.optimizer import unknown_name
 
@@ -55,7 +52,7 @@ def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console
     plate = _in_reduced_basis(model, response, reference, analyser)
     measurement = recipe.told(
         "modal_test",
-        lambda: hit(
+        lambda: hammer_test(
             plate,
             model.known.new_zeros(0),
             response=response,

@@ -7,6 +7,7 @@ were measured; it returns one number for each member.
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Complex, Float
@@ -15,17 +16,66 @@ from torch import Tensor
 from torchplate.measurement import Measurement, NaturalFrequencies
 from torchplate.model import PlateModel
 
-Measure = Callable[[Tensor, Tensor, Tensor], Tensor]
+Comparison = Callable[[Tensor, Tensor, Tensor], Tensor]
+
+
+class Measure(NamedTuple):
+    """How the gap is measured, and how a level without a unit is fitted first: both from (model, measured, pairs)."""
+
+    gap: Comparison
+    gain: Comparison
+
+
 OBJECTIVES: dict[str, Measure] = {}
 
 
-def register(measure: Measure) -> Measure:
-    """Enter a measure under its name."""
-    OBJECTIVES[measure.__name__] = measure
-    return measure
+def register(gain: Comparison) -> Callable[[Comparison], Comparison]:
+    """Enter a measure under its name, with the gain that suits it."""
+
+    def enter(gap: Comparison) -> Comparison:
+        OBJECTIVES[gap.__name__] = Measure(gap, gain)
+        return gap
+
+    return enter
 
 
-@register
+def complex_gain(
+    model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
+    measured: Complex[Tensor, "n_frequency n_response n_reference"],
+    pairs: Bool[Tensor, "n_response n_reference"],
+) -> Float[Tensor, "*batch"]:
+    """The real level g that minimises Σ_r ‖H_measured,r − g H_model,r‖² / ‖H_measured,r‖², not below 0."""
+    return _projected((model.conj() * measured).real, model, measured, pairs).clamp(min=0.0)
+
+
+def amplitude_gain(
+    model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
+    measured: Complex[Tensor, "n_frequency n_response n_reference"],
+    pairs: Bool[Tensor, "n_response n_reference"],
+) -> Float[Tensor, "*batch"]:
+    """The level g that minimises Σ_r ‖|H_measured,r| − g |H_model,r|‖² / ‖H_measured,r‖²."""
+    return _projected(model.abs() * measured.abs(), model, measured, pairs)
+
+
+def log_gain(
+    model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
+    measured: Complex[Tensor, "n_frequency n_response n_reference"],
+    pairs: Bool[Tensor, "n_response n_reference"],
+) -> Float[Tensor, "*batch"]:
+    """The level g that minimises Σ (ln |H_measured| − ln g |H_model|)²: the geometric mean of the ratios."""
+    kept = pairs & (measured != 0)
+    ratio = torch.where(kept, (measured / torch.where(kept, model, 1.0)).abs(), 1.0)
+    return (ratio.log().sum((-3, -2, -1)) / kept.sum()).exp()
+
+
+def _projected(cross: Tensor, model: Tensor, measured: Tensor, pairs: Tensor) -> Tensor:
+    """Σ cross / Σ |model|², each FRF weighed by one over its squared norm."""
+    weight = torch.where(pairs, 1 / measured.abs().square().sum(0), 0.0)
+    own = (model.abs().square().sum(-3) * weight).sum((-2, -1))
+    return (cross.sum(-3) * weight).sum((-2, -1)) / own
+
+
+@register(complex_gain)
 def relative_frf_norm(
     model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
     measured: Complex[Tensor, "n_frequency n_response n_reference"],
@@ -35,7 +85,7 @@ def relative_frf_norm(
     return _relative(model - measured, measured, pairs)
 
 
-@register
+@register(amplitude_gain)
 def relative_amplitude_norm(
     model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
     measured: Complex[Tensor, "n_frequency n_response n_reference"],
@@ -45,7 +95,7 @@ def relative_amplitude_norm(
     return _relative(model.abs() - measured.abs(), measured, pairs)
 
 
-@register
+@register(log_gain)
 def log_amplitude(
     model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
     measured: Complex[Tensor, "n_frequency n_response n_reference"],
@@ -67,18 +117,6 @@ def natural_frequency_error(
 ) -> Float[Tensor, "*batch"]:
     """√(mean over modes of ((f_model − f_measured) / f_measured)²) [-]. Source: Friswell, Mottershead (1995)."""
     return (model / measured - 1).square().mean(-1).sqrt()
-
-
-def fitted_gain(
-    model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
-    measured: Complex[Tensor, "n_frequency n_response n_reference"],
-    pairs: Bool[Tensor, "n_response n_reference"],
-) -> Float[Tensor, "*batch"]:
-    """The real level g that minimises Σ_r ‖H_measured,r − g H_model,r‖² / ‖H_measured,r‖², not below 0."""
-    weight = torch.where(pairs, 1 / measured.abs().square().sum(0), 0.0)
-    cross = ((model.conj() * measured).real.sum(-3) * weight).sum((-2, -1))
-    own = (model.abs().square().sum(-3) * weight).sum((-2, -1))
-    return (cross / own).clamp(min=0.0)
 
 
 @dataclass(frozen=True)
@@ -130,7 +168,7 @@ class Objective:
         """The gap of each member."""
         total = theta.new_zeros(theta.shape[:-1])
         if self.evidence.measurement is not None:
-            total = total + self.measure(self.frf(theta), self._frf, self._pairs)
+            total = total + self.measure.gap(self.frf(theta), self._frf, self._pairs)
         if self.evidence.natural_frequencies is not None:
             total = total + natural_frequency_error(self.natural_frequencies(theta), self._table)
         return total
@@ -140,11 +178,11 @@ class Objective:
         frf = self.model.frf(theta, self._frequency)
         if not self.evidence.gain_is_unknown:
             return frf
-        return fitted_gain(frf, self._frf, self._pairs)[..., None, None, None] * frf
+        return self.measure.gain(frf, self._frf, self._pairs)[..., None, None, None] * frf
 
     def gain(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch"]:
         """The fitted level of the readings over SI units."""
-        return fitted_gain(self.model.frf(theta, self._frequency), self._frf, self._pairs)
+        return self.measure.gain(self.model.frf(theta, self._frequency), self._frf, self._pairs)
 
     def natural_frequencies(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch n_mode"]:
         """What the model predicts for the measured natural frequencies [Hz]."""

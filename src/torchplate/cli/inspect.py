@@ -1,0 +1,216 @@
+"""`torchplate inspect FILE`: what a measurement file holds, what looks wrong in it, and one figure."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+
+from torchplate.measurement import Measurement, Quality, assess, read_measurement
+from torchplate.measurement.quality import summed_amplitude
+
+MANY = 6
+"""More channels than this are told apart by colour and legend beside the panels, and their phases thinned."""
+INK, MUTED, GRID = "#1f2933", "#616e7c", "#e4e7eb"
+
+
+def inspect(path: Path, out: Path | None = None, console: Console | None = None) -> Path:
+    """Report on a measurement file and save one figure of it.
+
+    Args:
+        path: A .uff, .unv or .npz file.
+        out: Folder of the figure; by default runs/inspect, under the current folder.
+        console: Where the report goes; by default the terminal.
+
+    Returns:
+        The figure's path, OUT/<file's stem>.png.
+
+    Raises:
+        MeasurementError: The file cannot be used.
+    """
+    console = console or Console()
+    measurement = read_measurement(path)
+    quality = assess(measurement)
+    console.print(_summary(measurement, quality, Path(path)))
+    if quality.coherence or len(measurement.pairs) > 1:
+        console.print(_channels(measurement, quality))
+    for suspicion in quality.suspicions:
+        console.print(f"[yellow]{suspicion.label}[/yellow]: {suspicion.reason}", highlight=False)
+    for note in measurement.notes:
+        console.print(f"[yellow]Note:[/yellow] {note}", highlight=False)
+    folder = Path("runs") / "inspect" if out is None else Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / f"{Path(path).stem}.png"
+    _figure(measurement, quality, Path(path)).savefig(target, dpi=150)
+    console.print(f"Figure: {target}", highlight=False, soft_wrap=True)
+    return target
+
+
+def _summary(measurement: Measurement, quality: Quality, path: Path) -> Table:
+    table = Table(title=str(path), show_header=False, title_justify="left", box=None, padding=(0, 2))
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column()
+    n_response, n_reference = len(measurement.response), len(measurement.reference)
+    table.add_row("FRFs", f"{len(measurement.pairs)} of {n_response} × {n_reference} (responses × references)")
+    table.add_row("responses", " ".join(c.label for c in measurement.response))
+    table.add_row("references", " ".join(c.label for c in measurement.reference))
+    table.add_row("kind, unit", f"{measurement.kind}, {measurement.unit}")
+    low, high = quality.band
+    step = "uneven step" if quality.step is None else f"step {quality.step:g} Hz"
+    table.add_row("band", f"{low:g} to {high:g} Hz, {step}, {quality.n_line} lines")
+    table.add_row("coordinates", _coordinates(measurement))
+    points = [
+        f"{p.label} (Re mobility < 0 on {p.negative_lines:.0%} of the lines, {p.negative_power:.0%} of the power)"
+        for p in quality.driving_points
+    ]
+    table.add_row("driving points", "\n".join(points) or "none")
+    exchanges = [f"{r.label} against {r.exchanged}: {r.difference:.1%} apart" for r in quality.reciprocity]
+    more = [f"and {len(exchanges) - 10} more pairs"] if len(exchanges) > 10 else []
+    table.add_row("reciprocity", "\n".join(exchanges[:10] + more) or "no pair both ways round")
+    table.add_row("coherence", _coherence(quality))
+    table.add_row("peaks", _peaks(quality))
+    table.add_row("suspicious", f"{len(quality.suspicions)} findings, below" if quality.suspicions else "nothing")
+    return table
+
+
+def _coordinates(measurement: Measurement) -> str:
+    channels = {c.node: c.coordinate for c in (*measurement.response, *measurement.reference)}
+    held = [c for c in channels.values() if c is not None]
+    if not held:
+        return "none: channels are matched to the plate by node number"
+    spans = []
+    for axis, values in zip("xyz", zip(*held, strict=True), strict=True):
+        low, high = min(values), max(values)
+        spans.append(f"{axis} {low:g} m" if low == high else f"{axis} {low:g} to {high:g} m")
+    return f"{len(held)} of {len(channels)} nodes, {', '.join(spans)}"
+
+
+def _coherence(quality: Quality) -> str:
+    if not quality.coherence:
+        return "none in the file"
+    mean = np.mean([c.mean for c in quality.coherence])
+    worst = min(quality.coherence, key=lambda c: c.mean)
+    return f"mean {mean:.4f}; lowest {worst.label}: mean {worst.mean:.4f}, {worst.share_low:.1%} of the lines below 0.8"
+
+
+def _peaks(quality: Quality) -> str:
+    shown = ", ".join(f"{f:.6g}" for f in quality.peaks[:24])
+    rest = f", and {len(quality.peaks) - 24} more" if len(quality.peaks) > 24 else ""
+    return f"{shown} Hz{rest}" if quality.peaks else "none that stands out by 3 dB"
+
+
+def _channels(measurement: Measurement, quality: Quality) -> Table:
+    table = Table(title="Channels", title_justify="left", box=None, padding=(0, 2), header_style="dim")
+    heads = ["FRF", f"rms level [{measurement.unit}]", "line noise"]
+    coherence = {c.label: c for c in quality.coherence}
+    heads += ["coherence mean", "median", "below 0.8"] if coherence else []
+    for index, head in enumerate(heads):
+        # A literal bracket would be read as rich's markup.
+        table.add_column(head.replace("[", r"\["), justify="left" if index == 0 else "right")
+    level = measurement.frf.abs().square().mean(dim=0).sqrt()
+    for j, k in measurement.pairs[:60]:
+        label = measurement.pair_label(j, k)
+        cells = [label, f"{float(level[j, k]):.3g}", f"{quality.line_noise[label]:.1%}"]
+        if label in coherence:
+            own = coherence[label]
+            cells += [f"{own.mean:.4f}", f"{own.median:.4f}", f"{own.share_low:.1%}"]
+        table.add_row(*cells)
+    if len(measurement.pairs) > 60:
+        table.add_row(f"and {len(measurement.pairs) - 60} more")
+    return table
+
+
+def _figure(measurement: Measurement, quality: Quality, path: Path) -> Figure:
+    with_coherence = measurement.coherence is not None
+    heights = [3.2, 1.5, 1.1] if with_coherence else [3.2, 1.5]
+    figure = Figure(figsize=(11, 1.4 + 1.35 * sum(heights)), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+    frequency = measurement.frequency.numpy()
+    pairs = measurement.pairs
+    few = len(pairs) <= MANY
+    colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(pairs)))
+    for (j, k), colour in zip(pairs, colours, strict=True):
+        values = measurement.frf[:, j, k].numpy()
+        decibel = 20 * np.log10(np.where(np.abs(values) > 0, np.abs(values), np.nan))
+        label = measurement.pair_label(j, k)
+        axes[0].plot(frequency, decibel, color=colour, linewidth=1.1 if few else 0.7, label=label)
+        phase = np.degrees(np.angle(values))
+        if few:
+            # A wrap drawn as a line from +180 to -180 would look like a resonance.
+            jump = np.abs(np.diff(phase, prepend=phase[0])) > 180
+            axes[1].plot(frequency, np.where(jump, np.nan, phase), color=colour, linewidth=0.9)
+        else:
+            axes[1].plot(frequency, phase, ".", color=colour, markersize=2.0, alpha=0.8, markeredgewidth=0)
+        if measurement.coherence is not None:
+            axes[2].plot(frequency, measurement.coherence[:, j, k].numpy(), color=colour, linewidth=0.8)
+    axes[0].set_ylabel(f"amplitude [dB re 1 {measurement.unit}]" if measurement.unit != "-" else "amplitude [dB]")
+    axes[1].set_ylabel("phase [°]")
+    axes[1].set(ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+    if with_coherence:
+        axes[2].set_ylabel("coherence [-]")
+        axes[2].set(ylim=(-0.03, 1.05), yticks=(0, 0.5, 1))
+        axes[2].axhline(0.8, color=MUTED, linewidth=0.7, linestyle=(0, (4, 3)))
+    for ax in axes:
+        _dress(ax)
+    _mark_peaks(axes[0], measurement, quality)
+    axes[-1].set_xlabel("frequency [Hz]", color=INK)
+    axes[-1].set_xlim(*quality.band if len(frequency) > 1 else (None, None))
+    _legend(figure, axes[0], len(pairs))
+    figure.suptitle(_title(measurement, quality, path), x=0.012, ha="left", fontsize=12, color=INK)
+    return figure
+
+
+def _title(measurement: Measurement, quality: Quality, path: Path) -> str:
+    n = len(measurement.pairs)
+    step = "uneven step" if quality.step is None else f"step {quality.step:g} Hz"
+    return (
+        f"{path.name}: {measurement.kind}, {n} FRF{'s' if n > 1 else ''}, "
+        f"{quality.band[0]:g} to {quality.band[1]:g} Hz, {step}"
+    )
+
+
+def _dress(ax: Axes) -> None:
+    ax.grid(color=GRID, linewidth=0.7)
+    ax.set_axisbelow(True)
+    ax.tick_params(colors=MUTED, labelsize=9)
+    ax.yaxis.label.set_color(INK)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        ax.spines[side].set_color(MUTED)
+
+
+def _mark_peaks(ax: Axes, measurement: Measurement, quality: Quality) -> None:
+    if not quality.peaks:
+        return
+    low, high = ax.get_ylim()
+    span = quality.band[1] - quality.band[0]
+    # Upright labels stand in a strip above the curves; each takes about 1.3 % of the width, so that of
+    # close peaks only the highest is named.
+    ax.set_ylim(low, high + 0.16 * (high - low))
+    text_level = high + 0.03 * (high - low)
+    height = dict(zip(measurement.frequency.tolist(), summed_amplitude(measurement).tolist(), strict=True))
+    named: list[float] = []
+    for peak in sorted(quality.peaks, key=lambda f: -height[f]):
+        ax.axvline(peak, color=MUTED, linewidth=0.6, linestyle=(0, (2, 3)), zorder=0.5)
+        if all(abs(peak - other) >= 0.013 * span for other in named):
+            ax.text(peak, text_level, f"{peak:.5g}", rotation=90, fontsize=7.5, color=INK, ha="center", va="bottom",
+                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8})  # fmt: skip
+            named.append(peak)
+    ax.set_ylim(low, ax.get_ylim()[1])
+
+
+def _legend(figure: Figure, ax: Axes, n: int) -> None:
+    if n == 1 or n > 60:
+        if n > 60:
+            ax.annotate(f"{n} FRFs, coloured in the order of the report", (1, 1), xycoords="axes fraction", ha="right",
+                        va="bottom", fontsize=8, color=MUTED)  # fmt: skip
+        return
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside right upper", ncols=1 if n <= 30 else 2, fontsize=8, frameon=False,
+                  title="response/reference", title_fontsize=8, handlelength=1.4, labelcolor=INK)  # fmt: skip

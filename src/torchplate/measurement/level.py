@@ -1,0 +1,95 @@
+"""Kind and unit of a level, from a universal file's specifiers and labels.
+
+Source: Universal File Format, dataset 58, records 9 and 10 (specific data type, axis units label) and
+dataset 164 (units), University of Cincinnati SDRL.
+"""
+
+from typing import Final, NamedTuple
+
+from torchplate.measurement.measurement import Kind
+
+MOTION: Final = {8: "displacement", 11: "velocity", 12: "acceleration"}
+FORCE: Final = {9: "reaction force", 13: "excitation force"}
+KIND_OF_MOTION: Final[dict[str, Kind]] = {
+    "displacement": "receptance",
+    "velocity": "mobility",
+    "acceleration": "accelerance",
+}
+MOTION_OF_KIND: Final = {kind: motion for motion, kind in KIND_OF_MOTION.items()}
+SPECIFIER: Final = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13}
+SI_LABEL: Final = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2", "force": "N"}
+
+_LENGTH: Final = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+_TO_SI: Final[dict[str, dict[str, float]]] = {
+    "displacement": _LENGTH,
+    "velocity": {f"{name}/s": factor for name, factor in _LENGTH.items()},
+    "acceleration": {f"{name}/s2": factor for name, factor in _LENGTH.items()} | {"g": 9.80665, "gn": 9.80665},
+    "force": {"n": 1.0, "kn": 1e3, "lbf": 4.4482216152605, "lb": 4.4482216152605, "kgf": 9.80665},
+}
+
+
+class Units(NamedTuple):
+    """Factors of dataset 164: a value of the file divided by its factor is SI.
+
+    Args:
+        length: File lengths per metre [-], > 0.
+        force: File forces per newton [-], > 0.
+    """
+
+    length: float = 1.0
+    force: float = 1.0
+
+
+def kind_of(numerator: int, denominator: int, function_type: int) -> Kind | None:
+    """Read the kind from the specific data types; None where they do not settle it.
+
+    Args:
+        numerator: Specific data type of the ordinate: 8 displacement, 11 velocity, 12 acceleration.
+        denominator: Of what the response is divided by: 13 (or 9) force, or the numerator's own type.
+        function_type: 4 for an FRF, 5 for a transmissibility.
+    """
+    if function_type == 5 or (numerator in MOTION and numerator == denominator):
+        return "transmissibility"
+    if numerator in MOTION and denominator in FORCE:
+        return KIND_OF_MOTION[MOTION[numerator]]
+    return None
+
+
+def factor_to_si(kind: Kind, numerator_label: str, denominator_label: str, units: Units) -> tuple[float, str | None]:
+    """Find what turns the file's level into SI, and what had to be assumed.
+
+    A label that is understood wins over dataset 164, as dataset 58 rules for its axis labels; without either,
+    the level is taken as SI.
+
+    Returns:
+        The factor [SI unit per file unit] and a sentence where a label was not understood, else None.
+    """
+    if kind == "transmissibility":
+        if _plain(numerator_label) == _plain(denominator_label):
+            return 1.0, None
+        stated = f"{numerator_label or 'none'} over {denominator_label or 'none'}"
+        return 1.0, f"A transmissibility has no unit; the file's labels ({stated}) were not applied."
+    factor, strange = 1.0, []
+    sides = (
+        (MOTION_OF_KIND[kind], numerator_label, 1.0 / units.length),
+        ("force", denominator_label, 1.0 / units.force),
+    )
+    for sign, (quantity, label, without_label) in zip((1, -1), sides, strict=True):
+        plain = _plain(label)
+        if quantity == "force" and label.strip() == "mN":  # case is all that parts milli from mega
+            found: float | None = 1e-3
+        else:
+            found = _TO_SI[quantity].get(plain)
+        if found is None:
+            found = without_label
+            if plain:
+                strange.append(f"{label.strip()!r} as {quantity}")
+        factor *= found**sign
+    note = f"The unit label {' and '.join(strange)} is not known; the level was taken as SI." if strange else None
+    return factor, note
+
+
+def _plain(label: str) -> str:
+    text = label.strip().lower().replace(" ", "").replace("^", "").replace("²", "2").replace("µ", "u")
+    text = text.replace("sec", "s").replace("s**2", "s2").replace("/s/s", "/s2").strip("()[]")
+    return "" if text == "none" else text

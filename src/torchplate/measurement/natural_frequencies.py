@@ -1,0 +1,62 @@
+"""A table of measured natural frequencies, such as Table 5 of the seed paper."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from torchplate.measurement.measurement import MeasurementError
+
+
+@dataclass(frozen=True, eq=False)
+class NaturalFrequencies:
+    """Measured natural frequencies by mode number, rigid-body modes included in the count.
+
+    Args:
+        mode: Mode numbers, counted from 1, rising. Gaps are modes that were not found.
+        frequency: Natural frequencies [Hz], > 0, never falling with the mode number (repeated modes are
+            equal).
+
+    Raises:
+        MeasurementError: An empty table, a mode below 1 or named twice, a frequency that is not positive or
+            that falls while the mode number rises.
+    """
+
+    mode: Int[Tensor, " n_mode"]
+    frequency: Float[Tensor, " n_mode"]
+
+    def __post_init__(self) -> None:
+        where = "measurement.natural_frequencies: expected"
+        example = "Write it as {1: 4.5, 6: 70.5}: mode number (from 1, rigid-body modes included): Hz."
+        modes, values = self.mode.tolist(), self.frequency.tolist()
+        if len(modes) != len(values) or not modes:
+            raise MeasurementError(
+                f"{where} one frequency per mode, got {len(modes)} modes and {len(values)}. {example}"
+            )
+        if min(modes) < 1:
+            raise MeasurementError(f"{where} mode numbers counted from 1, got {min(modes)}. {example}")
+        if any(b <= a for a, b in pairwise(modes)):
+            raise MeasurementError(f"{where} each mode once and in rising order, got {modes}. {example}")
+        for m, f in zip(modes, values, strict=True):
+            if not 0.0 < f < float("inf"):
+                raise MeasurementError(f"{where} positive frequencies in Hz, got {f:g} for mode {m}. {example}")
+        for i in range(1, len(values)):
+            if values[i] < values[i - 1]:
+                raise MeasurementError(
+                    f"{where} frequencies that rise with the mode number, got {values[i - 1]:g} Hz for mode "
+                    f"{modes[i - 1]} and {values[i]:g} Hz for mode {modes[i]}. Exchange or renumber them."
+                )
+
+    @classmethod
+    def from_mapping(cls, table: Mapping[int, float]) -> "NaturalFrequencies":
+        """Build the table from {mode number: frequency [Hz]}, in any order."""
+        modes = sorted(table)
+        values = [float(table[m]) for m in modes]
+        return cls(torch.tensor(modes, dtype=torch.int64), torch.tensor(values, dtype=torch.float64))
+
+    def to(self, device: torch.device | str) -> "NaturalFrequencies":
+        """Move both tensors to `device`."""
+        return replace(self, mode=self.mode.to(device), frequency=self.frequency.to(device))

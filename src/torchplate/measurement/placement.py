@@ -1,0 +1,151 @@
+"""Where each channel sits on the plate: by its coordinates, or by its node's number on the grid."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from torchplate.measurement.measurement import Channel, Measurement, MeasurementError
+
+OFF_PLATE: Final = 0.01
+"""How far off the plate a channel may sit, over the longer side [-]. A ruler, a sensor's radius and a plate cut a
+little small explain about 1 %; more is a wrong unit, a wrong side length or another origin."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """One channel on the plate.
+
+    Args:
+        label: The channel's, such as "3w".
+        place: Relative place (x, y) [-], 0 to 1: the coordinates over the sides. Off the plate: the nearest edge's.
+        nearest_node: Label of the nearest node of the grid, from 1.
+        distance: From the channel's coordinate to that node [m], ≥ 0; exactly 0 for a match by number.
+        outside: How far the coordinate lies off the plate [m]; 0 on it.
+    """
+
+    label: str
+    place: tuple[float, float]
+    nearest_node: int
+    distance: float
+    outside: float
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Every channel's place, in the measurement's order.
+
+    Args:
+        response: Sensor places.
+        reference: Force places. Empty for a transmissibility, whose reference is the motion of all held edges.
+        by: "coordinate" or "node": what the match went by.
+    """
+
+    response: tuple[Match, ...]
+    reference: tuple[Match, ...]
+    by: str
+
+    @property
+    def response_place(self) -> Float[Tensor, "n_response 2"]:
+        """Relative (x, y) of the responses [-], float64."""
+        return _table(self.response)
+
+    @property
+    def reference_place(self) -> Float[Tensor, "n_reference 2"]:
+        """Relative (x, y) of the references [-], float64."""
+        return _table(self.reference)
+
+
+def place(measurement: Measurement, length_x: float, length_y: float, n_x: int, n_y: int) -> Placement:
+    """Match every channel to the plate 0 ≤ x ≤ length_x, 0 ≤ y ≤ length_y.
+
+    Where the measurement holds coordinates the match is by them, else by node number on the n_x × n_y grid,
+    whose nodes count along x first, then y, from 1.
+
+    Args:
+        measurement: Its channels must all be out of the plate (direction "w").
+        length_x: Side along x [m], > 0.
+        length_y: Side along y [m], > 0.
+        n_x: Elements along x, ≥ 1.
+        n_y: Elements along y, ≥ 1.
+
+    Raises:
+        MeasurementError: A channel in the plate, off the plate by more than `OFF_PLATE` of the longer side,
+            without coordinates where others have them, or with a node number that is not on the grid.
+    """
+    ends = measurement.response
+    if measurement.kind != "transmissibility":
+        ends = (*measurement.response, *measurement.reference)
+    located = [channel.coordinate is not None for channel in ends]
+    for channel in ends:
+        if channel.direction != "w":
+            raise MeasurementError(
+                f"{measurement.source or 'Measurement'}: expected out-of-plane channels (direction w), got "
+                f"{channel.label}. A bending plate does not move that way: leave the channel out."
+            )
+        if any(located) and channel.coordinate is None:
+            raise MeasurementError(
+                f"{measurement.source or 'Measurement'}: expected coordinates for every channel or for none, got none "
+                f"for {channel.label}. Add its node to dataset 15 or 2411, or remove all coordinates to match by "
+                "node number."
+            )
+    grid = _Grid(length_x, length_y, n_x, n_y, measurement.source or "Measurement")
+    placed = [grid.by_coordinate(c) if any(located) else grid.by_node(c) for c in ends]
+    n_response = len(measurement.response)
+    return Placement(
+        response=tuple(placed[:n_response]),
+        reference=tuple(placed[n_response:]),
+        by="coordinate" if any(located) else "node",
+    )
+
+
+@dataclass(frozen=True)
+class _Grid:
+    length_x: float
+    length_y: float
+    n_x: int
+    n_y: int
+    source: str
+
+    def by_coordinate(self, channel: Channel) -> Match:
+        assert channel.coordinate is not None
+        x, y, _ = channel.coordinate
+        on_x, on_y = min(max(x, 0.0), self.length_x), min(max(y, 0.0), self.length_y)
+        outside = ((x - on_x) ** 2 + (y - on_y) ** 2) ** 0.5
+        longer = max(self.length_x, self.length_y)
+        if not outside <= OFF_PLATE * longer:
+            millimetres = max(abs(x), abs(y)) > 20 * longer
+            raise MeasurementError(
+                f"{self.source}: expected {channel.label} on the plate of {self.length_x:g} × {self.length_y:g} m, got "
+                f"({x:g}, {y:g}) m, {outside:.3g} m off it. "
+                + (
+                    "The coordinates look like millimetres: state the unit in dataset 164."
+                    if millimetres
+                    else "Check mesh.length_x and mesh.length_y, and that the coordinates start at the plate's corner."
+                )
+            )
+        column, row = round(on_x / self.length_x * self.n_x), round(on_y / self.length_y * self.n_y)
+        node_x, node_y = column * self.length_x / self.n_x, row * self.length_y / self.n_y
+        return Match(
+            label=channel.label,
+            place=(on_x / self.length_x, on_y / self.length_y),
+            nearest_node=row * (self.n_x + 1) + column + 1,
+            distance=((x - node_x) ** 2 + (y - node_y) ** 2) ** 0.5,
+            outside=outside,
+        )
+
+    def by_node(self, channel: Channel) -> Match:
+        n_node = (self.n_x + 1) * (self.n_y + 1)
+        if not 1 <= channel.node <= n_node:
+            raise MeasurementError(
+                f"{self.source}: expected node numbers from 1 to {n_node} on the {self.n_x} × {self.n_y} mesh, got "
+                f"{channel.label}. Set mesh.n_x and mesh.n_y to the test sheet's grid, or give the nodes coordinates."
+            )
+        row, column = divmod(channel.node - 1, self.n_x + 1)
+        return Match(channel.label, (column / self.n_x, row / self.n_y), channel.node, 0.0, 0.0)
+
+
+def _table(matches: tuple[Match, ...]) -> Float[Tensor, "n 2"]:
+    return torch.tensor([m.place for m in matches], dtype=torch.float64).reshape(-1, 2)
