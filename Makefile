@@ -14,7 +14,7 @@ help:
 	@echo "make run     set up, then identify the paper's plate by DE and ABC; results in runs/"
 	@echo "make test    set up, then run the tests"
 	@echo "make check   format, lint, types, tests and doctests"
-	@echo "make paper   reproduce the paper's tables and figures (20 seeds; about half an hour)"
+	@echo "make paper   reproduce the paper's tables and figures (20 seeds)"
 	@echo "make clean   remove the virtual environment and caches"
 
 run: $(VENV)/.run

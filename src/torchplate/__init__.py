@@ -1,1 +1,50 @@
-"""torchplate: model updating of plates from measured vibration, as batched torch tensors."""
+"""torchplate: model updating of plates from measured vibration, as batched torch tensors.
+
+- `plate`: geometry in, matrices out.
+- `effects`: the catalogue, one physical effect per file.
+- `model`: what a sensor would read: natural frequencies and frequency response functions.
+- `measurement`: what a sensor did read.
+- `search`: minimise on the unit cube; knows nothing of plates.
+- `discrepancy`: the gap between the two.
+- `cli`: YAML in, `runs/` out.
+
+The names below are public:
+
+>>> import torchplate as tp
+>>> tp.DifferentialEvolution(strategy="best/1/exp").n_member
+32
+"""
+
+from torchplate.cli.build import load_model
+from torchplate.effects import CATALOGUE
+from torchplate.measurement import Measurement, read_measurement, write_uff
+from torchplate.model import PlateModel
+from torchplate.search import (
+    OPTIMIZERS,
+    ArtificialBeeColony,
+    DifferentialEvolution,
+    Jde,
+    LShade,
+    Outcome,
+    Sade,
+    Status,
+    minimize,
+)
+
+__all__ = [
+    "CATALOGUE",
+    "OPTIMIZERS",
+    "ArtificialBeeColony",
+    "DifferentialEvolution",
+    "Jde",
+    "LShade",
+    "Measurement",
+    "Outcome",
+    "PlateModel",
+    "Sade",
+    "Status",
+    "load_model",
+    "minimize",
+    "read_measurement",
+    "write_uff",
+]

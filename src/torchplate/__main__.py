@@ -2,7 +2,7 @@
 
 import sys
 
-from torchplate.cli import main
+from torchplate.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -5,9 +5,6 @@
 - `run`, `compare`, `simulate`, `inspect`: the verbs.
 - `result`, `report`, `figures`, `log`: result.json, report.md, the figures, and what goes to TensorBoard as it happens.
 - `main_job`, `paper`: what `make run` and `make paper` do.
+- `bench`: `torchplate bench`, what is fast and beside what.
 - `main`: the command line.
 """
-
-from torchplate.cli.main import main
-
-__all__ = ["main"]

@@ -1,11 +1,11 @@
 """From a checked config to what a run needs: model, evidence, objective, optimiser."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from torchplate.cli.config import Config, InputError, SearchConfig, Unknown, quantity, read_config, unknown_key
+from torchplate.cli.config import Config, InputError, SearchConfig, Unknown, quantity, read_config, typed, unknown_key
 from torchplate.discrepancy import OBJECTIVES, Evidence, Objective
 from torchplate.effects import Effect, find_effect, options
 from torchplate.measurement import Measurement, NaturalFrequencies, Placement, place, read_measurement
@@ -60,7 +60,7 @@ class Run:
             if "effect" not in body:
                 raise self.error(f"{key}.effect", "Expected the name of an effect, got none. Add `effect: plate`, say.")
             kind = self.told(f"{key}.effect", lambda body=body: find_effect(str(body["effect"])))  # type: ignore[misc]
-            fixed = {name: _frozen(body[name]) for name in options(kind) if name in body}
+            fixed = self.typed(key, kind, {name: body[name] for name in options(kind) if name in body})
             for name, value in body.items():
                 if name == "effect" or name in fixed:
                     continue
@@ -113,7 +113,14 @@ class Run:
         """The function of theta that the run minimises."""
         if self.config.objective.kind not in OBJECTIVES:
             raise self.error("objective.kind", unknown_key(self.config.objective.kind, OBJECTIVES))
-        return Objective(model, self.evidence(), self.config.objective.kind)
+        evidence = self.evidence()
+        if (table := evidence.natural_frequencies) is not None and int(table.mode.max()) > model.assembly.size:
+            raise self.error(
+                "measurement.natural_frequencies",
+                f"Expected modes up to {model.assembly.size}, as many as the mesh has, got mode {int(table.mode.max())}. "
+                "Raise mesh.refine, or leave it out.",
+            )
+        return Objective(model, evidence, self.config.objective.kind)
 
     def optimizer(self) -> Optimizer[Any]:
         """The search's settings."""
@@ -124,7 +131,23 @@ class Run:
         for key in settings:
             if key not in fields:
                 raise self.error(f"search.{key}", unknown_key(key, [*fields, *SearchConfig.model_fields]))
-        return self.told("search", lambda: kind(**settings))
+        settings = self.typed("search", kind, settings)
+        optimizer = self.told("search", lambda: kind(**settings))
+        budget = self.config.search.n_evaluation
+        if budget is not None and budget < optimizer.n_member:
+            raise self.error(
+                "search.n_evaluation",
+                f"Expected at least the {optimizer.n_member} evaluations of the first population, got {budget}. Raise "
+                "it, or lower search.n_member.",
+            )
+        return optimizer
+
+    def typed(self, key: str, owner: type, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Settings in the types that their dataclass declares."""
+        return {
+            name: self.told(f"{key}.{name}", lambda name=name, value=value: typed(owner, name, value))  # type: ignore[misc]
+            for name, value in settings.items()
+        }
 
     def error(self, key: str, message: str) -> InputError:
         """One sentence that names this file and a key of it."""
@@ -139,10 +162,6 @@ class Run:
         except (ValueError, KeyError, TypeError, FileNotFoundError) as error:
             text = str(error.args[0]) if error.args else str(error)
             raise self.error(key, text) from error
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(_frozen(inner) for inner in value) if isinstance(value, list) else value
 
 
 def load_run(path: Path | str, overrides: Sequence[str] = ()) -> Run:

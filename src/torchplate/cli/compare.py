@@ -54,6 +54,12 @@ def compare(folders: Sequence[Path], out: Path | None = None, console: Console |
         raise InputError(
             f"compare: Expected runs of one objective, got {' and '.join(sorted(kinds))}. Compare them apart."
         )
+    searched = {", ".join(result["parameters"]) or "none" for result in results}
+    if len(searched) > 1:
+        raise InputError(
+            f"compare: Expected runs that search the same parameters, got {' against '.join(sorted(searched))}. Compare "
+            "them apart."
+        )
     groups = gathered(folders)
     out = out or Path(os.path.commonpath([folder.resolve().parent for folder in folders]))
     figure = save(
@@ -81,14 +87,17 @@ def read_result(folder: Path) -> dict[str, Any]:
         raise InputError(
             f"{folder}: Expected a finished run with result.json, found none. Run it, or correct the path."
         )
-    result: dict[str, Any] = json.loads(path.read_text())
+    try:
+        result: dict[str, Any] = json.loads(path.read_text())
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: Expected JSON, got a file that is not ({error}). Run it again.") from None
     return result
 
 
 def histories(folders: Sequence[Path]) -> dict[str, Convergence]:
     """Histories by the searches' settings; shorter ones keep their last value."""
     rows: dict[str, list[tuple[list[float], list[float]]]] = {}
-    for folder in folders:
+    for folder, name in zip(folders, _labels(folders), strict=True):
         found: dict[str, tuple[list[float], list[float]]] = {}
         for row in read_history(folder):
             steps, values = found.setdefault(row["search"], ([], []))
@@ -98,7 +107,7 @@ def histories(folders: Sequence[Path]) -> dict[str, Convergence]:
             raise InputError(
                 f"{folder}: Expected a run with a history of its search, found none. Compare searches only."
             )
-        rows.setdefault(label(read_result(folder)), []).extend(found.values())
+        rows.setdefault(name, []).extend(found.values())
     return {
         name: Convergence(*(_filled([row[part] for row in table]) for part in (0, 1))) for name, table in rows.items()
     }
@@ -106,11 +115,11 @@ def histories(folders: Sequence[Path]) -> dict[str, Convergence]:
 
 def gathered(folders: Sequence[Path]) -> dict[str, Compared]:
     """All that is compared, by the searches' settings."""
-    curves = histories(folders)
+    curves, labels = histories(folders), _labels(folders)
     best = min(float(np.nanmin(curve.best)) for curve in curves.values())
     groups = {}
     for name, curve in curves.items():
-        results = [result for folder in folders if label(result := read_result(folder)) == name]
+        results = [read_result(folder) for folder, own in zip(folders, labels, strict=True) if own == name]
         parameters = list(results[0]["parameters"])
         arrived = curve.best <= best * (1 + WITHIN)
         first = np.take_along_axis(curve.n_evaluation, arrived.argmax(axis=1)[:, None], axis=1)[:, 0]
@@ -127,6 +136,20 @@ def gathered(folders: Sequence[Path]) -> dict[str, Compared]:
 def label(result: Mapping[str, Any]) -> str:
     """What names a search: its optimiser, and its strategy where it has one."""
     return " ".join([result["optimizer"], *([result["search"]["strategy"]] if "strategy" in result["search"] else [])])
+
+
+def _labels(folders: Sequence[Path]) -> list[str]:
+    """What names each run's search, with the settings by which searches of that name differ; a seed is no setting."""
+    results = [read_result(folder) for folder in folders]
+    names = [label(result) for result in results]
+    full = []
+    for name, result in zip(names, results, strict=True):
+        alike = [other["search"] for own, other in zip(names, results, strict=True) if own == name]
+        keys = {key: None for settings in alike for key in settings if key not in ("seed", "n_repeat")}
+        differing = [key for key in keys if any(settings.get(key) != alike[0].get(key) for settings in alike)]
+        own = ", ".join(f"{key} {result['search'].get(key, 'left out')}" for key in differing)
+        full.append(f"{name} ({own})" if own else name)
+    return full
 
 
 def _theta(result: Mapping[str, Any]) -> np.ndarray:

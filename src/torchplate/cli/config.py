@@ -9,10 +9,10 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_type_hints
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator, model_validator
 
 from torchplate.model import Searched
 
@@ -58,10 +58,10 @@ class MeshConfig(_Strict):
     @field_validator("length_x", "length_y", mode="before")
     @classmethod
     def _length(cls, value: Any) -> Any:
-        quantity = parse_quantity(value)
-        if isinstance(quantity, Unknown):
+        found = quantity(value)
+        if isinstance(found, Unknown):
             raise ValueError("a number in m, since the sides of the plate are not searched (an effect may change them)")
-        return quantity
+        return found
 
 
 class MeasurementConfig(_Strict):
@@ -93,15 +93,16 @@ class SearchConfig(BaseModel):
     tolerance: float | None = Field(default=1e-8, ge=0)
     stagnation: int | None = Field(default=None, gt=0)
     target: float | None = None
-    seed: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0, lt=2**63)
     n_repeat: int = Field(default=1, gt=0)
     basis: Literal["auto", "full"] = "auto"
 
 
 class LogConfig(_Strict):
-    """What goes to TensorBoard beside the scalars."""
+    """How often FRF figures go to TensorBoard in a search, and how many FRFs they and the report show."""
 
     n_figure: int = Field(default=4, ge=0)
+    n_panel: int = Field(default=6, gt=0)
 
 
 class ModalTestConfig(_Strict):
@@ -113,7 +114,7 @@ class ModalTestConfig(_Strict):
     reference: list[int | tuple[float, float]] | None = None
     kind: Literal["receptance", "mobility", "accelerance"] = "accelerance"
     refine: int = Field(default=3, gt=0)
-    seed: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0, lt=2**63)
 
 
 class Config(_Strict):
@@ -154,6 +155,22 @@ def parse_quantity(value: Any) -> Known | Unknown:
         return Known(value=value)
     except ValidationError:
         raise ValueError("a number, an interval [low, high], or {value: , std: }") from None
+
+
+def typed(owner: type, name: str, value: Any) -> Any:
+    """A setting in the type that its dataclass declares for it; lists become tuples.
+
+    Raises:
+        ValueError: if it is of another kind, saying what was expected and what came.
+    """
+    try:
+        return _frozen(TypeAdapter(get_type_hints(owner)[name]).validate_python(value))
+    except ValidationError as error:
+        raise ValueError(first_complaint(error)[1]) from None
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(inner) for inner in value) if isinstance(value, list) else value
 
 
 def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any], Config]:
@@ -238,20 +255,20 @@ def first_complaint(error: ValidationError) -> tuple[str, str]:
     key = ".".join(where) or "config"
     given = first.get("input")
     if first["type"] == "extra_forbidden":
-        return key, unknown_key(where[-1], _keys_at(where[:-1]))
+        return key, unknown_key(where[-1], _keys_at(error.title, where[:-1]))
     if first["type"] == "missing":
         return key, "Expected a value, got none. Add it."
     message = str(first["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message.removeprefix("Input should be ")
-    if message.startswith("Expected"):
+    if message.startswith(("Expected", "No ")):
         return key, message
     shown = "no finite number" if isinstance(given, float) and not math.isfinite(given) else repr(given)
     return key, f"Expected {message}, got {shown}. Correct it."
 
 
-def _keys_at(where: Sequence[str]) -> list[str]:
-    """Keys that a config may have at a place."""
-    model: Any = Config
+def _keys_at(root: str, where: Sequence[str]) -> list[str]:
+    """Keys that a config, or the part of it with that class name, may have at a place."""
+    model: Any = {"Known": Known, "Unknown": Unknown}.get(root, Config)
     for part in where:
         field = model.model_fields.get(part) if hasattr(model, "model_fields") else None
         if field is None:

@@ -125,7 +125,7 @@ def natural_frequencies(
 def save(figure: Figure, path: Path) -> Path:
     """Write a PNG of few colours, a third of the size, and return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110, pil_kwargs={"optimize": True})
+    figure.savefig(path, dpi=90, pil_kwargs={"optimize": True})
     with Image.open(path) as image:
         image.convert("RGB").quantize(64).save(path, optimize=True)
     return path

@@ -28,6 +28,10 @@ class RunLog:
     def __init__(self, folder: Path, names: tuple[str, ...], keep: int | None = None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.names = folder, names
+        if keep is None:
+            # TensorBoard would draw a run that was in this folder before over the new one.
+            for path in folder.glob("events.out.tfevents.*"):
+                path.unlink()
         rows = read_history(folder) if keep is not None else []
         self._rows = [row for row in rows if int(row["generation"]) <= (keep or 0)]
         purge = 1 + max((int(row["n_evaluation"]) for row in self._rows), default=-1)

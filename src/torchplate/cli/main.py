@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.table import Table
 
+from torchplate.cli.bench import bench
 from torchplate.cli.compare import compare
 from torchplate.cli.config import InputError
 from torchplate.cli.inspect import inspect
@@ -61,6 +62,10 @@ def _parser() -> argparse.ArgumentParser:
     verb.add_argument("file", type=Path, help=".uff, .unv or .npz")
     verb.add_argument("--out", type=Path, help="folder of the figure (default: runs/inspect)")
     verb.set_defaults(verb=lambda a: inspect(a.file, a.out))
+
+    verb = verbs.add_parser("bench", help="one generation of the paper's problem, beside SciPy one candidate at a time")
+    verb.add_argument("--out", type=Path, help="folder of bench.json (default: runs/bench)")
+    verb.set_defaults(verb=lambda a: bench(a.out))
 
     verb = verbs.add_parser("effects", help="the catalogue of effects")
     verb.set_defaults(verb=lambda _: effects(Console()))

@@ -13,28 +13,25 @@ from torchplate.cli.figures import NOMINAL, UPDATED, Curve, frf_overlay, natural
 from torchplate.cli.result import nominal
 from torchplate.discrepancy import Objective
 
-# Panels of an overlay; more would be read by nobody.
-N_PANEL = 6
-
 
 @torch.no_grad()
-def frf_figures(objective: Objective, theta: Tensor) -> dict[str, Figure]:
+def frf_figures(objective: Objective, theta: Tensor, n_panel: int) -> dict[str, Figure]:
     """One overlay for each shown FRF: measured, nominal, updated; by its TensorBoard tag."""
     measurement = objective.evidence.measurement
     if measurement is None:
         return {}
     return {
         f"frf/{title.replace('/', '_')}": _overlay(objective, theta, [(j, k, title)])
-        for j, k, title in _shown(objective)
+        for j, k, title in _shown(objective, n_panel)
     }
 
 
 @torch.no_grad()
-def figures(objective: Objective, theta: Tensor) -> dict[str, Figure]:
+def figures(objective: Objective, theta: Tensor, n_panel: int) -> dict[str, Figure]:
     """The report's figures, by file name."""
     drawn = {}
     if objective.evidence.measurement is not None:
-        drawn["frf"] = _overlay(objective, theta, _shown(objective))
+        drawn["frf"] = _overlay(objective, theta, _shown(objective, n_panel))
     if (table := objective.evidence.natural_frequencies) is not None:
         models = {"nominal": nominal(objective), "updated": theta} if objective.model.names else {"model": theta}
         found = {label: objective.natural_frequencies(member).tolist() for label, member in models.items()}
@@ -42,12 +39,12 @@ def figures(objective: Objective, theta: Tensor) -> dict[str, Figure]:
     return drawn
 
 
-def _shown(objective: Objective) -> list[tuple[int, int, str]]:
+def _shown(objective: Objective, n_panel: int) -> list[tuple[int, int, str]]:
     """Indices and titles of the FRFs that are drawn, spread over all of them."""
     measurement = objective.evidence.measurement
     assert measurement is not None
     pairs = measurement.pairs
-    chosen = torch.linspace(0, len(pairs) - 1, min(N_PANEL, len(pairs))).round().long().tolist()
+    chosen = torch.linspace(0, len(pairs) - 1, min(n_panel, len(pairs))).round().long().tolist()
     return [(*pairs[index], measurement.pair_label(*pairs[index])) for index in chosen]
 
 

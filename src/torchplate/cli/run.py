@@ -1,6 +1,7 @@
 """`torchplate run`: search the intervals of a config, and write down everything."""
 
 import json
+import os
 import platform
 import time
 from collections.abc import Sequence
@@ -75,9 +76,11 @@ def run(
     objective = recipe.objective(model)
     recipe.optimizer()  # so that a wrong setting is said before anything is written
     folder = _folder(recipe, out, resume)
+    if folder.is_file():
+        raise InputError(f"--out {folder}: Expected a folder, got a file. Name another place.")
     checkpoint = _checkpoint(recipe, folder) if resume else None
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.yaml").write_text(dump(_relocated(recipe)))
+    (folder / "config.yaml").write_text(dump(_relocated(recipe, folder)))
     (folder / "versions.json").write_text(json.dumps(_versions(device), indent=1) + "\n")
     console.print(f"[bold]{recipe.path.stem}[/]: {_described(objective)}")
     searched = _in_reduced_basis(recipe, objective, console)
@@ -90,7 +93,8 @@ def run(
         theta = model.space.to_si(outcome.best_position[order])
         found = _finished(recipe, objective, searched, folder, theta, outcome, console)
         step = int(outcome.n_evaluation.max())
-        for tag, figure in frf_figures(searched, theta[0]).items() if recipe.config.log.n_figure else ():
+        n_figure, n_panel = recipe.config.log.n_figure, recipe.config.log.n_panel
+        for tag, figure in frf_figures(searched, theta[0], n_panel).items() if n_figure else ():
             log.figure(tag, figure, step)
         log.scalar("gap/baseline", found.result["gap"], step)
         settings = {"optimizer": recipe.config.search.optimizer, "seed": recipe.config.search.seed}
@@ -132,11 +136,11 @@ def _search(recipe: Run, searched: Objective, log: RunLog, checkpoint: Checkpoin
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    n_figure = recipe.config.log.n_figure
+    n_figure, n_panel = recipe.config.log.n_figure, recipe.config.log.n_panel
     drawn_at = {settings.n_generation * turn // n_figure for turn in range(1, n_figure)}
     with Progress(*columns, console=console, transient=not console.is_terminal) as bar:
         task = bar.add_task(settings.optimizer, total=settings.n_generation, best=float("inf"), rate=0.0)
-        began, before = time.monotonic(), 0 if checkpoint is None else int(checkpoint["n_evaluation"].sum())
+        began, before = time.monotonic(), 0 if checkpoint is None else int(checkpoint["ledger.n_evaluation"].sum())
 
         def report(progress: SearchProgress) -> None:
             theta = model.space.to_si(progress.best_position)
@@ -145,7 +149,7 @@ def _search(recipe: Run, searched: Objective, log: RunLog, checkpoint: Checkpoin
             best = int(progress.best_objective.argmin())
             bar.update(task, completed=progress.generation, best=float(progress.best_objective[best]), rate=rate)
             if progress.generation in drawn_at:
-                for tag, figure in frf_figures(searched, theta[best]).items():
+                for tag, figure in frf_figures(searched, theta[best], n_panel).items():
                     log.figure(tag, figure, int(progress.n_evaluation[best]))
 
         return minimize(
@@ -190,7 +194,7 @@ def _finished(
                 "says. Run again with --set search.basis=full."
             )
     (folder / "result.json").write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
-    drawn = figures(searched, best)
+    drawn = figures(searched, best, recipe.config.log.n_panel)
     if outcome is not None:
         drawn["convergence"] = convergence(histories([folder]), result["objective_kind"])
     write_report(recipe, searched, best, result, sentences, drawn, folder)
@@ -256,16 +260,37 @@ def _checkpoint(recipe: Run, folder: Path) -> Checkpoint:
     path = folder / "checkpoint.pt"
     if not path.exists():
         raise InputError(f"{recipe.path}: --resume: Expected a checkpoint at {path}, found none. Leave --resume out.")
-    checkpoint: Checkpoint = torch.load(path, weights_only=True)
+    try:
+        checkpoint: Checkpoint = torch.load(path, weights_only=True)
+    except Exception as error:  # whatever torch says of a file that is no checkpoint
+        raise recipe.error("--resume", f"Expected a checkpoint in {path}, got another file. Run anew.") from error
+    past = load_run(folder / "config.yaml")
+    for key, before, now in zip(_IDENTITY, _identity(past), _identity(recipe), strict=True):
+        if before != now:
+            raise recipe.error(
+                f"--resume: {key}", f"Expected the checkpoint's, {before}, got {now}. Set it back, or run anew."
+            )
     return checkpoint
 
 
-def _relocated(recipe: Run) -> dict[str, Any]:
-    """The config as it was run, overrides included; the measurement's path absolute, so that the copy runs too."""
+# What a checkpoint cannot go on without; budgets, and where the measurement lies, may change.
+_IDENTITY = ("search", "search.seed", "search.n_repeat", "search.basis", "mesh", "effects", "objective", "measurement")
+
+
+def _identity(recipe: Run) -> tuple[Any, ...]:
+    config, search = recipe.config, recipe.config.search
+    measurement = config.measurement.model_copy(update={"file": None})
+    own = recipe.optimizer(), search.seed, search.n_repeat, search.basis
+    return *own, config.mesh, config.effects, config.objective, measurement
+
+
+def _relocated(recipe: Run, folder: Path) -> dict[str, Any]:
+    """The config as it was run, overrides included; the measurement's path as seen from the run's folder."""
     raw = dict(recipe.raw)
     if recipe.config.measurement.file is not None:
         file = (recipe.path.parent / recipe.config.measurement.file).resolve()
-        raw["measurement"] = dict(raw["measurement"]) | {"file": str(file)}
+        seen = os.path.relpath(file, folder.resolve())
+        raw["measurement"] = dict(raw["measurement"]) | {"file": seen}
     return raw
 
 

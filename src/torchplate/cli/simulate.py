@@ -7,7 +7,7 @@ import torch
 from rich.console import Console
 
 from torchplate.cli.build import Run, load_run
-from torchplate.cli.config import InputError, ModalTestConfig
+from torchplate.cli.config import InputError
 from torchplate.measurement import ANALYSERS, Analyser, Hammer, Measurement, hammer_test, write_uff
 from torchplate.model import PlateModel, reduce
 from torchplate.search.optimizer import unknown_name
@@ -48,7 +48,7 @@ def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console
             "Expected a number, since a test needs one plate, got an interval. Give the true value, by --set say.",
         )
     response, reference = _points(recipe, model)
-    analyser, hammer = recipe.told("modal_test.analyser", lambda: _analyser(settings)), _hammer(recipe)
+    analyser, hammer = _analyser(recipe), _hammer(recipe)
     plate = _in_reduced_basis(model, response, reference, analyser)
     measurement = recipe.told(
         "modal_test",
@@ -77,24 +77,25 @@ def _points(recipe: Run, model: PlateModel) -> tuple[list[int | tuple[float, flo
     settings, measured = recipe.config.modal_test, recipe.config.measurement
     response = settings.response or measured.response or [3]
     reference = settings.reference or measured.reference or list(range(1, model.mesh.n_label + 1))
-    for key, points in (("response", response), ("reference", reference)):
-        recipe.told(f"modal_test.{key}", lambda points=points: model.mesh.places(points))  # type: ignore[misc]
+    for key, points, own in (("response", response, settings.response), ("reference", reference, settings.reference)):
+        section = "modal_test" if own or not getattr(measured, key) else "measurement"
+        recipe.told(f"{section}.{key}", lambda points=points: model.mesh.places(points))  # type: ignore[misc]
     return list(response), list(reference)
 
 
-def _analyser(settings: ModalTestConfig) -> Analyser:
+def _analyser(recipe: Run) -> Analyser:
     """A named analyser, or its settings with `like` as the start."""
-    given = settings.analyser
+    given = recipe.config.modal_test.analyser
     changes = {"like": given} if isinstance(given, str) else dict(given)
     name = str(changes.pop("like", "sr785"))
     if name not in ANALYSERS:
-        raise ValueError(unknown_name("analyser", name, ANALYSERS))
+        raise recipe.error("modal_test.analyser", unknown_name("analyser", name, ANALYSERS))
     known = ANALYSERS[name].__dict__
     for key in changes:
         if key not in known:
-            raise ValueError(unknown_name("setting of an analyser", key, known))
-    frozen = {key: tuple(value) if isinstance(value, list) else value for key, value in changes.items()}
-    return Analyser(**(known | frozen))
+            raise recipe.error("modal_test.analyser", unknown_name("setting of an analyser", key, known))
+    settings = known | recipe.typed("modal_test.analyser", Analyser, changes)
+    return recipe.told("modal_test.analyser", lambda: Analyser(**settings))
 
 
 def _hammer(recipe: Run) -> Hammer:
@@ -103,7 +104,8 @@ def _hammer(recipe: Run) -> Hammer:
     for key in given:
         if key not in known:
             raise recipe.error("modal_test.hammer", unknown_name("setting of a hammer", key, known))
-    return recipe.told("modal_test.hammer", lambda: Hammer(**given))
+    settings = recipe.typed("modal_test.hammer", Hammer, given)
+    return recipe.told("modal_test.hammer", lambda: Hammer(**settings))
 
 
 def _in_reduced_basis(
