@@ -6,6 +6,8 @@
 - `differential_evolution` (the ten classic variants), with `mutation`, `crossover`, `bounds` and `draws`, its parts;
   `jde`, `sade`, `l_shade`: those that set F, CR, strategy or population size themselves.
 - `artificial_bee_colony`: employed bees, onlookers, scouts.
+- `least_squares`: Levenberg-Marquardt with bounds, many starts in one batch; not an optimiser of the registry, for it
+  needs residuals.
 
 A new optimiser is one file with a frozen dataclass `class Mine(Optimizer[MineState], name="mine")` and one
 line below; the registry, the generic tests and whatever lists the optimisers follow.
@@ -16,6 +18,13 @@ from torchplate.search.bounds import BOUNDS
 from torchplate.search.differential_evolution import STRATEGIES, DifferentialEvolution
 from torchplate.search.jde import Jde
 from torchplate.search.l_shade import LShade
+from torchplate.search.least_squares import (
+    JACOBIANS,
+    LeastSquaresOutcome,
+    LeastSquaresProgress,
+    LeastSquaresStatus,
+    least_squares,
+)
 from torchplate.search.minimization import Objective, minimize
 from torchplate.search.optimizer import OPTIMIZERS, Candidates, Optimizer, State, optimizer_named
 from torchplate.search.outcome import Checkpoint, Outcome, Progress, Status
@@ -23,6 +32,7 @@ from torchplate.search.sade import Sade
 
 __all__ = [
     "BOUNDS",
+    "JACOBIANS",
     "OPTIMIZERS",
     "STRATEGIES",
     "ArtificialBeeColony",
@@ -31,6 +41,9 @@ __all__ = [
     "DifferentialEvolution",
     "Jde",
     "LShade",
+    "LeastSquaresOutcome",
+    "LeastSquaresProgress",
+    "LeastSquaresStatus",
     "Objective",
     "Optimizer",
     "Outcome",
@@ -38,6 +51,7 @@ __all__ = [
     "Sade",
     "State",
     "Status",
+    "least_squares",
     "minimize",
     "optimizer_named",
 ]

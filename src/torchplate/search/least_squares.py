@@ -1,0 +1,537 @@
+"""Bounded nonlinear least squares on the unit cube: Levenberg-Marquardt, many starts in one batch.
+
+Minimises ½ Σ r² of residuals r over [0, 1]^n_dimension. Leading dimensions are independent starts: each keeps its own
+damping and stops by itself.
+
+Sources: Moré (1978), "The Levenberg-Marquardt algorithm: implementation and theory", Lecture Notes in Mathematics 630
+(column scaling, the damped step from a QR factorisation, the stopping tests); Nielsen (1999), "Damping parameter in
+Marquardt's method", IMM-REP-1999-05 (the damping follows the gain ratio); Fan and Yuan (2005), "On the quadratic
+convergence of the Levenberg-Marquardt method without nonsingularity assumption", Computing 74 (damping in proportion
+to ‖r‖); Kanzow, Yamashita and Fukushima (2004), "Levenberg-Marquardt methods with strong local convergence properties
+for solving nonlinear equations with convex constraints", J. Computational and Applied Mathematics 172 (the projected
+form).
+"""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from torchplate.search.optimizer import unknown_name
+
+Residual = Callable[[Tensor], Tensor]
+"""Positions [*batch, n_dimension] in [0, 1] → real residuals [*batch, n_residual], for any leading dimensions."""
+
+MIN_GAIN = 1e-4
+"""A step is taken where the sum of squares falls by more than this part of what the linear model promised (Moré)."""
+LEAST_DAMPING = 1e-14
+"""Below it the damping does not shrink: in a direction the data cannot see, the step would be made of rounding alone.
+
+Against the squared singular values of the scaled Jacobian it is without effect up to a condition number of 1e6.
+"""
+
+
+class LeastSquaresStatus(Enum):
+    """Why a start stopped; the value is the sentence for the user and ends in what to do."""
+
+    gradient = (
+        "No free parameter lowers the sum of squares to first order. "
+        "Accept the result as a minimum, and start elsewhere too to see whether it is the lowest."
+    )
+    step = (
+        "The steps have become shorter than the tolerance. "
+        "Accept the result as a minimum, and start elsewhere too to see whether it is the lowest."
+    )
+    objective = (
+        "The sum of squares has nothing left to fall, to within the tolerance. "
+        "Accept the result as a minimum, and start elsewhere too to see whether it is the lowest."
+    )
+    stuck = (
+        "No step, however short, lowers the sum of squares. "
+        "Accept the result if its gradient is small; else mend the jacobian, or what makes the residual NaN beside it."
+    )
+    budget = (
+        "The budget is spent while the sum of squares still falls. "
+        "Raise n_iteration or n_evaluation, or start nearer to the minimum."
+    )
+    no_number = (
+        "The residual or its jacobian is not a finite number at the start. "
+        "Evaluate both there by hand and mend them, or start elsewhere."
+    )
+
+    @property
+    def settled(self) -> bool:
+        """Whether the start has found a minimum."""
+        return self in {LeastSquaresStatus.gradient, LeastSquaresStatus.step, LeastSquaresStatus.objective}
+
+
+_STATUSES = list(LeastSquaresStatus)
+_RUNNING = -1
+
+
+class LeastSquaresOutcome(NamedTuple):
+    """Where every start has come to.
+
+    Attributes:
+        position: The place on the unit cube; a parameter on its bound is exactly 0 or 1.
+        objective: ½ Σ r² there; +inf where the start gave no number.
+        gradient: Jᵀr there, with 0 for a parameter that its bound holds back.
+        gradient_norm: Its Euclidean norm.
+        n_evaluation: Residuals evaluated, those of the differences included.
+        n_jacobian: Jacobians evaluated.
+        n_iteration: Steps tried, those that were refused included.
+        status: Why each start stopped, in row-major order of the batch; one entry where there is no batch.
+        residual: r at the position.
+        jacobian: J = ∂r/∂position there, columns of the held parameters too.
+    """
+
+    position: Float[Tensor, "*batch n_dimension"]
+    objective: Float[Tensor, "*batch"]
+    gradient: Float[Tensor, "*batch n_dimension"]
+    gradient_norm: Float[Tensor, "*batch"]
+    n_evaluation: Int[Tensor, "*batch"]
+    n_jacobian: Int[Tensor, "*batch"]
+    n_iteration: Int[Tensor, "*batch"]
+    status: tuple[LeastSquaresStatus, ...]
+    residual: Float[Tensor, "*batch n_residual"]
+    jacobian: Float[Tensor, "*batch n_residual n_dimension"]
+
+    @property
+    def normal_matrix(self) -> Float[Tensor, "*batch n_dimension n_dimension"]:
+        """JᵀJ: times 1/σ² the information that residuals of standard deviation σ hold on the position."""
+        return self.jacobian.mT @ self.jacobian
+
+
+class LeastSquaresProgress(NamedTuple):
+    """Where the starts stand after an iteration; iteration 0 is the start.
+
+    Attributes:
+        iteration: Iterations done.
+        n_evaluation: Residuals evaluated by each start so far.
+        position: The best place of each start.
+        objective: ½ Σ r² there.
+        damping: What the next step would be damped with, relative to the squared column norms of J.
+    """
+
+    iteration: int
+    n_evaluation: Int[Tensor, "*batch"]
+    position: Float[Tensor, "*batch n_dimension"]
+    objective: Float[Tensor, "*batch"]
+    damping: Float[Tensor, "*batch"]
+
+
+class JacobianRule(NamedTuple):
+    """How J is had from the residual alone.
+
+    Attributes:
+        differentiate: (function, position, residual there) → J.
+        n_evaluation: Residuals that it evaluates for each dimension.
+    """
+
+    differentiate: Callable[[Residual, Tensor, Tensor], Tensor]
+    n_evaluation: int
+
+
+def central_differences(
+    function: Residual,
+    position: Float[Tensor, "*batch n_dimension"],
+    residual: Float[Tensor, "*batch n_residual"],
+) -> Float[Tensor, "*batch n_residual n_dimension"]:
+    """J by differences of second order, all steps in one call [2 n_dimension, *batch, n_dimension].
+
+    With steps a and b, r' = ((r_a − r) b/a − (r_b − r) a/b) / (b − a). Inside, a = −h and b = h = ε^⅓; within h of an
+    edge both go inward, h and 2h. The error is of the order of ε^⅔ (4e-11 in float64).
+    """
+    step = torch.finfo(position.dtype).eps ** (1 / 3)
+    low, high = position < step, position > 1.0 - step
+    first = torch.where(low, step, -step)
+    second = torch.where(low, 2.0 * step, torch.where(high, -2.0 * step, step))
+    value, offset = _shifted(function, position, torch.stack((first, second)))
+    (at_a, at_b), (a, b) = value - residual, offset
+    return ((at_a * (b / a) - at_b * (a / b)) / (b - a)).movedim(0, -1)
+
+
+def forward_differences(
+    function: Residual,
+    position: Float[Tensor, "*batch n_dimension"],
+    residual: Float[Tensor, "*batch n_residual"],
+) -> Float[Tensor, "*batch n_residual n_dimension"]:
+    """J by one step of √ε in each dimension, inward at the upper edge; half the price, error about √ε (1e-8)."""
+    step = torch.finfo(position.dtype).eps ** 0.5
+    value, offset = _shifted(function, position, torch.where(position > 1.0 - step, -step, step).unsqueeze(0))
+    return ((value[0] - residual) / offset[0]).movedim(0, -1)
+
+
+def _shifted(function: Residual, position: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
+    """Residuals [n_step, n_dimension, *batch, n_residual] one dimension off, and by how much, after rounding."""
+    n_dimension = position.shape[-1]
+    axes = torch.eye(n_dimension, dtype=torch.bool, device=position.device)
+    axes = axes.reshape(n_dimension, *(1,) * (position.ndim - 1), n_dimension)
+    place = torch.where(axes, position + step.unsqueeze(1), position)
+    value = function(place.flatten(0, 1)).unflatten(0, (len(step), n_dimension))
+    offset = torch.where(axes, place - position, 0.0).sum(dim=-1, keepdim=True)
+    return value, offset
+
+
+def forward_mode(
+    function: Residual,
+    position: Float[Tensor, "*batch n_dimension"],
+    residual: Float[Tensor, "*batch n_residual"],  # noqa: ARG001
+) -> Float[Tensor, "*batch n_residual n_dimension"]:
+    """J by forward-mode automatic differentiation, exact to rounding.
+
+    The starts are independent, so that one tangent per dimension serves them all: a `vmap` of n_dimension `jvp`s, where
+    `jacfwd` of the whole batch would need n_dimension times as many as there are starts. The function must allow
+    `torch.func.jvp` and `torch.func.vmap`.
+    """
+    n_dimension = position.shape[-1]
+    axes = torch.eye(n_dimension, dtype=position.dtype, device=position.device)
+    axes = axes.reshape(n_dimension, *(1,) * (position.ndim - 1), n_dimension).expand(n_dimension, *position.shape)
+
+    def along(tangent: Tensor) -> Tensor:
+        return torch.func.jvp(function, (position,), (tangent,))[1]
+
+    with warnings.catch_warnings():
+        # The first use makes torch compile rules of its own by a function that it has itself deprecated.
+        warnings.filterwarnings("ignore", message="`torch.jit.script", category=DeprecationWarning)
+        return torch.func.vmap(along)(axes).movedim(0, -1)
+
+
+JACOBIANS: dict[str, JacobianRule] = {
+    "central": JacobianRule(central_differences, 2),
+    "forward": JacobianRule(forward_differences, 1),
+    "autograd": JacobianRule(forward_mode, 0),
+}
+"""The ways to a Jacobian by the name they have in `least_squares`."""
+
+
+def least_squares(
+    residual: Residual,
+    start: Float[Tensor, "*batch n_dimension"],
+    *,
+    jacobian: Callable[[Tensor], Tensor] | str = "central",
+    n_iteration: int = 50,
+    n_evaluation: int | None = None,
+    gradient_tolerance: float = 1e-8,
+    step_tolerance: float = 1e-10,
+    objective_tolerance: float = 1e-14,
+    damping: float = 1e-3,
+    shared: bool = True,
+    on_iteration: Callable[[LeastSquaresProgress], object] | None = None,
+) -> LeastSquaresOutcome:
+    """Minimise ½ Σ r² over the unit cube from each start.
+
+    A step p solves min ‖J p + r‖² + μ ‖D p‖², D the largest column norms of J so far. A parameter on its bound whose
+    gradient points outward is held; one that meets a bound on the way stays there, and the others go on from there
+    by a step solved anew. The step is taken if the sum of squares falls; by how much it falls, against what the linear
+    model promised, decides whether μ = α ‖r‖ / ‖r at the start‖ grows or shrinks through α. Where the residuals vanish
+    at the solution, convergence is quadratic; where they stay large it is linear, and slow at false minima: a start
+    whose budget is spent far above the best one is seldom worth more.
+
+    The linear algebra is float64: a QR factorisation of [J r] without Q (2 n_residual n_dimension² operations for each
+    Jacobian), and one of 2 n_dimension rows for each step. It sees the condition number of J, not its square.
+
+    A start that has stopped is frozen: it changes no more and spends no evaluations.
+
+    Args:
+        residual: Positions [*batch, n_dimension] in [0, 1] → real residuals [*batch, n_residual]; complex ones as
+            real and imaginary parts. It is called with other leading dimensions than those of `start`. A place
+            where any residual, or any entry of J, is NaN or infinite is never taken.
+        start: Where each search begins.
+        jacobian: A key of `JACOBIANS`, or a function: positions [*batch, n_dimension] → J [*batch, n_residual,
+            n_dimension]. Differences ask for all their places in one call, 2 n_dimension for each start (central);
+            a residual that cannot hold as many evaluates them in parts.
+        n_iteration: Steps tried at most, by each start.
+        n_evaluation: Residuals evaluated at most, by each start; never exceeded: a step that it might not pay for,
+            Jacobian included, is not begun.
+        gradient_tolerance: A start stops when |Jⱼᵀr| ≤ tolerance · ‖r‖ · max(‖Jⱼ‖, ‖r‖) for every free parameter: the
+            cosine between r and a column, where crossing the whole interval changes r by more than r itself is long.
+        step_tolerance: A start stops when no parameter moves by more than this part of its interval, although the
+            damping is not what keeps the step short (μ ≤ 1).
+        objective_tolerance: A start stops when the linear model promises a fall of no more than this part of the
+            objective, with the same condition. Raise it to the noise of a residual that is not exact to rounding.
+        damping: The first α [-]. 1e-3 for a fair start, 1 for a poor one, 1e-6 for a start that is nearly there.
+        shared: Whether every start fits the same residual: only those starts are evaluated that need it, as positions
+            [n_start, n_dimension]. False for residuals with data of their own for each start, [*batch, n_residual]:
+            positions then always end in [*batch, n_dimension].
+        on_iteration: Called with a `LeastSquaresProgress` for the start and after each iteration.
+
+    Returns:
+        The place of each start, what it cost, why it stopped, and J there.
+
+    Raises:
+        ValueError: A start outside the unit cube, a budget that pays for nothing, a residual or Jacobian of the wrong
+            shape or kind, or no rule for J of that name.
+    """
+    n_dimension = start.shape[-1]
+    if not bool(((start >= 0.0) & (start <= 1.0)).all()):
+        raise ValueError("start must lie on the unit cube, got places outside [0, 1]. Scale it first.")
+    problem = _Problem(residual, jacobian, start.shape[:-1], shared)
+    price = problem.jacobian_price(n_dimension)
+    if n_iteration < 0 or (n_evaluation is not None and n_evaluation < 1 + price):
+        raise ValueError(
+            f"The budget must pay for the start and its jacobian, n_iteration >= 0 and n_evaluation >= {1 + price}, "
+            f"got {n_iteration} and {n_evaluation}. Raise it."
+        )
+
+    position = start.detach().reshape(-1, n_dimension).clone()
+    every = torch.arange(len(position), device=position.device)
+    count = torch.zeros_like(every)
+    first = problem.residual_at(position, every)
+    here = _Place.of(position, first, problem.jacobian_at(position, first, every))
+    n_spent, n_jacobian, n_tried = count + 1 + price, count + 1, count.clone()
+    status = torch.where(here.is_number(), _RUNNING, _STATUSES.index(LeastSquaresStatus.no_number))
+    scale = here.column_norm.clone()
+    alpha, growth = torch.full_like(here.objective, damping), torch.full_like(here.objective, 2.0)
+    first_norm = here.residual_norm.clamp(min=torch.finfo(torch.float64).tiny)
+
+    def relative_damping() -> Tensor:
+        # ‖r‖ makes μ vanish, and with it the error, quadratically where the residuals do (Fan and Yuan).
+        return (alpha * here.residual_norm / first_norm).clamp(min=1e-30)
+
+    def stop(where: Tensor, reason: LeastSquaresStatus) -> None:
+        status[where & (status == _RUNNING)] = _STATUSES.index(reason)
+
+    def report(iteration: int) -> None:
+        if on_iteration is not None:
+            seen = (n_spent.clone(), here.position.clone(), here.finite_objective(), relative_damping())
+            on_iteration(LeastSquaresProgress(iteration, *(problem.in_batch(one) for one in seen)))
+
+    stop(here.is_flat(gradient_tolerance), LeastSquaresStatus.gradient)
+    report(0)
+    for iteration in range(1, n_iteration + 1):
+        if n_evaluation is not None:
+            stop(n_spent + 1 + price > n_evaluation, LeastSquaresStatus.budget)
+        rows = torch.nonzero(status == _RUNNING).flatten()
+        if not len(rows):
+            break
+        now, mu = here.at(rows), relative_damping()[rows]
+        trial = here.position.clone()
+        trial[rows] = _trial(now, scale[rows], mu)
+        step = (trial[rows] - now.position).to(torch.float64)
+        promised = now.promised_fall(step)
+
+        tried = here.residual.clone()
+        tried[rows] = problem.residual_at(trial, rows)
+        n_tried[rows] += 1
+        n_spent[rows] += 1
+        # Difference times sum: the fall keeps its digits where it is far smaller than the objective.
+        fall = 0.5 * ((now.residual - tried[rows]) * (now.residual + tried[rows])).sum(dim=-1)
+        # Where a residual is NaN or infinite the fall is NaN or −∞, and the comparison false.
+        taken = (promised > 0.0) & (fall > MIN_GAIN * promised)
+        moving = rows[taken]
+        if len(moving):
+            there = _Place.of(trial[moving], tried[moving], problem.jacobian_at(trial, tried, moving))
+            n_spent[moving] += price
+            n_jacobian[moving] += 1
+            sound = there.is_number()
+            taken[taken.clone()] = sound
+            moving, there = moving[sound], there.at(torch.nonzero(sound).flatten())
+            here.put(moving, there)
+            scale[moving] = torch.maximum(scale[moving], there.column_norm)
+
+        gain = torch.where(taken, fall / promised, 0.0)
+        shrink = (1.0 - (2.0 * gain - 1.0) ** 3).clamp(min=1.0 / 3.0)
+        alpha[rows] = torch.where(taken, (alpha[rows] * shrink).clamp(min=LEAST_DAMPING), alpha[rows] * growth[rows])
+        growth[rows] = torch.where(taken, 2.0, 2.0 * growth[rows])
+
+        undamped, short = mu <= 1.0, step.abs().amax(dim=-1) <= step_tolerance
+        level = promised <= objective_tolerance * now.objective
+        stop(here.is_flat(gradient_tolerance), LeastSquaresStatus.gradient)
+        stop(_spread(rows, undamped & short, status), LeastSquaresStatus.step)
+        stop(_spread(rows, undamped & level, status), LeastSquaresStatus.objective)
+        stop(_spread(rows, ~undamped & short & ~taken, status), LeastSquaresStatus.stuck)
+        report(iteration)
+    stop(status == _RUNNING, LeastSquaresStatus.budget)
+
+    gradient = here.free_gradient()
+    return LeastSquaresOutcome(
+        position=problem.in_batch(here.position),
+        objective=problem.in_batch(here.finite_objective()),
+        gradient=problem.in_batch(gradient),
+        gradient_norm=problem.in_batch(gradient.norm(dim=-1)),
+        n_evaluation=problem.in_batch(n_spent),
+        n_jacobian=problem.in_batch(n_jacobian),
+        n_iteration=problem.in_batch(n_tried),
+        status=tuple(_STATUSES[k] for k in status.tolist()),
+        residual=problem.in_batch(here.residual),
+        jacobian=problem.in_batch(here.jacobian),
+    )
+
+
+def _spread(rows: Tensor, where: Tensor, like: Tensor) -> Tensor:
+    """A mask over some rows as a mask over all of them."""
+    mask = torch.zeros_like(like, dtype=torch.bool)
+    mask[rows] = where
+    return mask
+
+
+class _Place(NamedTuple):
+    """Starts in a row, and what is known to first order where each of them stands.
+
+    Attributes:
+        position: In the dtype of the start; all else is float64.
+        residual: r.
+        jacobian: J.
+        gradient: Jᵀr.
+        column_norm: ‖Jⱼ‖.
+        factor: R of J = QR.
+        turned: The rows of Qᵀr that R sees.
+        objective: ½ ‖r‖².
+    """
+
+    position: Float[Tensor, "n_start n_dimension"]
+    residual: Float[Tensor, "n_start n_residual"]
+    jacobian: Float[Tensor, "n_start n_residual n_dimension"]
+    gradient: Float[Tensor, "n_start n_dimension"]
+    column_norm: Float[Tensor, "n_start n_dimension"]
+    factor: Float[Tensor, "n_start n_row n_dimension"]
+    turned: Float[Tensor, "n_start n_row"]
+    objective: Float[Tensor, " n_start"]
+
+    @classmethod
+    def of(cls, position: Tensor, residual: Tensor, jacobian: Tensor) -> "_Place":
+        # Without numbers there is nothing to factor, and LAPACK need not see NaN.
+        joint = torch.cat((jacobian, residual.unsqueeze(-1)), dim=-1).nan_to_num(0.0, 0.0, 0.0)
+        factor = torch.linalg.qr(joint, mode="r").R
+        return cls(
+            position=position,
+            residual=residual,
+            jacobian=jacobian,
+            gradient=(jacobian.mT @ residual.unsqueeze(-1)).squeeze(-1),
+            column_norm=jacobian.norm(dim=-2),
+            factor=factor[..., :-1],
+            turned=factor[..., -1],
+            objective=0.5 * residual.square().sum(dim=-1),
+        )
+
+    def at(self, rows: Tensor) -> "_Place":
+        return _Place(*(field[rows] for field in self))
+
+    def put(self, rows: Tensor, new: "_Place") -> None:
+        for field, value in zip(self, new, strict=True):
+            field[rows] = value
+
+    @property
+    def residual_norm(self) -> Tensor:
+        return (2.0 * self.objective).sqrt()
+
+    def finite_objective(self) -> Tensor:
+        return torch.where(self.is_number(), self.objective, torch.inf)
+
+    def is_number(self) -> Bool[Tensor, " n_start"]:
+        # A finite norm says that the entries are finite, and that their squares can be summed.
+        return self.objective.isfinite() & self.column_norm.isfinite().all(dim=-1)
+
+    def held(self) -> Bool[Tensor, "n_start n_dimension"]:
+        """Parameters on a bound whose gradient points outward."""
+        return ((self.position <= 0.0) & (self.gradient > 0.0)) | ((self.position >= 1.0) & (self.gradient < 0.0))
+
+    def free_gradient(self) -> Float[Tensor, "n_start n_dimension"]:
+        return torch.where(self.held(), 0.0, self.gradient)
+
+    def is_flat(self, tolerance: float) -> Bool[Tensor, " n_start"]:
+        length = self.residual_norm.unsqueeze(-1)
+        return (self.free_gradient().abs() <= tolerance * length * torch.maximum(self.column_norm, length)).all(dim=-1)
+
+    def promised_fall(self, step: Tensor) -> Float[Tensor, " n_start"]:
+        """½ ‖r‖² − ½ ‖r + J p‖²."""
+        change = (self.factor @ step.unsqueeze(-1)).squeeze(-1)
+        return -(self.gradient * step).sum(dim=-1) - 0.5 * change.square().sum(dim=-1)
+
+
+def _trial(here: _Place, scale: Tensor, mu: Tensor) -> Tensor:
+    """The damped step's end on the cube.
+
+    From the place itself towards the minimum over the free parameters, as far as the first bound; the parameter that
+    meets it stays there, and the rest go on. The damped model falls at each turn, so that the step always promises a
+    fall, as the projection of the unbounded step onto the cube would not.
+    """
+    n_dimension = here.position.shape[-1]
+    origin = here.position.to(torch.float64)
+    scale = torch.where(scale > 0.0, scale, 1.0)
+    scaled = here.factor / scale.unsqueeze(-2)
+    damping = mu.sqrt()[:, None, None] * torch.eye(n_dimension, dtype=scale.dtype, device=scale.device)
+    fixed, end = here.held(), origin
+    for _ in range(n_dimension + 1):
+        shift = torch.where(fixed, end - origin, 0.0)
+        wanted = -(here.turned + (here.factor @ shift.unsqueeze(-1)).squeeze(-1))
+        matrix = torch.cat((torch.where(fixed.unsqueeze(-2), 0.0, scaled), damping), dim=-2)
+        q, r = torch.linalg.qr(matrix)
+        right = q[:, : wanted.shape[-1]].mT @ wanted.unsqueeze(-1)
+        free = torch.linalg.solve_triangular(r, right, upper=True).squeeze(-1) / scale
+        goal = torch.where(fixed, end, origin + free)
+        ahead = goal - end
+        room = torch.where(ahead > 0.0, 1.0 - end, end)
+        reach = torch.where(ahead.abs() > room, room / ahead.abs(), 1.0)
+        part = reach.amin(dim=-1, keepdim=True)
+        met = (reach <= part) & (ahead.abs() > room)
+        edge = (ahead > 0.0).to(end)
+        end = torch.where(met, edge, torch.where(part < 1.0, end + part * ahead, goal)).clamp(0.0, 1.0)
+        if not bool(met.any()):
+            break
+        fixed = fixed | met
+    return end.to(here.position.dtype)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The functions of the user, asked about some of the starts, which stand in a row."""
+
+    function: Residual
+    jacobian: Callable[[Tensor], Tensor] | str
+    batch_shape: torch.Size
+    shared: bool
+
+    def __post_init__(self) -> None:
+        if isinstance(self.jacobian, str) and self.jacobian not in JACOBIANS:
+            raise ValueError(unknown_name("jacobian", self.jacobian, JACOBIANS))
+
+    def jacobian_price(self, n_dimension: int) -> int:
+        return JACOBIANS[self.jacobian].n_evaluation * n_dimension if isinstance(self.jacobian, str) else 0
+
+    def residual_at(self, position: Tensor, rows: Tensor) -> Float[Tensor, "n_row n_residual"]:
+        with torch.no_grad():
+            return self._answer(self._checked(self._question(position, rows)), rows)
+
+    def jacobian_at(
+        self, position: Tensor, residual: Tensor, rows: Tensor
+    ) -> Float[Tensor, "n_row n_residual n_dimension"]:
+        place, value = self._question(position, rows), self._question(residual, rows)
+        if isinstance(self.jacobian, str):
+            with torch.no_grad():
+                result = JACOBIANS[self.jacobian].differentiate(self._checked, place, value)
+        else:
+            result = self.jacobian(place).detach()
+        shape = (*place.shape[:-1], residual.shape[-1], place.shape[-1])
+        if result.shape != shape or result.is_complex():
+            raise ValueError(
+                f"The jacobian must be real and of shape [*batch, n_residual, n_dimension] = {list(shape)}, got "
+                f"{result.dtype} and {list(result.shape)}. Put the parameters last, and stack real and imaginary parts."
+            )
+        return self._answer(result, rows)
+
+    def in_batch(self, value: Tensor) -> Tensor:
+        return value.reshape((*self.batch_shape, *value.shape[1:]))
+
+    def _question(self, value: Tensor, rows: Tensor) -> Tensor:
+        return value[rows] if self.shared else self.in_batch(value)
+
+    def _answer(self, value: Tensor, rows: Tensor) -> Tensor:
+        value = value.to(torch.float64)
+        return value if self.shared else value.reshape(-1, *value.shape[len(self.batch_shape) :])[rows]
+
+    def _checked(self, position: Tensor) -> Tensor:
+        value = self.function(position)
+        if value.shape[:-1] != position.shape[:-1] or value.is_complex():
+            raise ValueError(
+                f"The residual must be real and of shape [*batch, n_residual] with *batch = "
+                f"{list(position.shape[:-1])}, got {value.dtype} and {list(value.shape)}. Stack real and imaginary "
+                f"parts, keep the leading dimensions, and set shared=False if each start has data of its own."
+            )
+        return value
