@@ -95,6 +95,7 @@ class SearchConfig(BaseModel):
     target: float | None = None
     seed: int = Field(default=0, ge=0, lt=2**63)
     n_repeat: int = Field(default=1, gt=0)
+    polish: bool = False
     basis: Literal["auto", "full"] = "auto"
 
 
@@ -259,7 +260,7 @@ def first_complaint(error: ValidationError) -> tuple[str, str]:
     if first["type"] == "missing":
         return key, "Expected a value, got none. Add it."
     message = str(first["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
-    message = message.removeprefix("Input should be ")
+    message = message.removeprefix("Input should be ").replace("an instance of Sequence", "a list")
     if message.startswith(("Expected", "No ")):
         return key, message
     shown = "no finite number" if isinstance(given, float) and not math.isfinite(given) else repr(given)

@@ -13,6 +13,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import torch
 from rich.console import Console
 from rich.table import Table
@@ -42,9 +43,12 @@ PRINTED = {
     14: 292.8, 15: 293.9, 16: 327.0, 17: 343.7, 18: 364.7, 19: 368.4,
 }  # fmt: skip
 # 16 food sources make a colony of 32 bees: a cycle costs as many evaluations as a generation of 32 members.
+LABELS = {"differential_evolution": "DE", "artificial_bee_colony": "ABC"}
 SEARCHES = {
     "differential_evolution": "search.n_repeat={n}",
-    "artificial_bee_colony": "search={{optimizer: artificial_bee_colony, n_member: 16, n_generation: 100, n_repeat: {n}}}",
+    "artificial_bee_colony": (
+        "search={{optimizer: artificial_bee_colony, n_member: 16, n_generation: 100, n_repeat: {n}}}"
+    ),
 }
 
 
@@ -83,9 +87,31 @@ def identification(console: Console) -> None:
     """DE and ABC over twenty seeds on six FRFs of a virtual test, three times."""
     test = Path("runs/steel_plate/virtual_test.uff")
     simulate(CONFIGS / "virtual_plate.yaml", test, console=console)
-    _twice(console, "paper_mesh", "paper_plate.yaml", [], N_SEED)
-    _twice(console, "finer_mesh", "paper_plate.yaml", ["mesh.refine=2"], N_SEED_VARIED)
-    _twice(console, "window_untold", "paper_plate.yaml", ["effects.window.rate=0", "mesh.refine=2"], N_SEED_VARIED)
+    variations = {
+        "paper_mesh": ([], N_SEED),
+        "finer_mesh": (["mesh.refine=2"], N_SEED_VARIED),
+        "window_untold": (["mesh.refine=2", "effects.window.rate=0"], N_SEED_VARIED),
+    }
+    found = {name: _twice(console, name, "paper_plate.yaml", *how) for name, how in variations.items()}
+    _beside_the_truth(console, found)
+
+
+def _beside_the_truth(console: Console, found: dict[str, dict[str, Compared]]) -> None:
+    """Medians over the seeds, and the values that the virtual test was made with."""
+    truth = load_run(CONFIGS / "virtual_plate.yaml").config.effects
+    names = next(iter(next(iter(found.values())).values())).parameters
+    heads = [name.split(".")[1] for name in names]
+    table = Table(
+        "", *heads, "objective", "evaluations to 1 %", title="Six FRFs of the virtual test, medians over the seeds"
+    )
+    values = [truth[label][parameter] for label, parameter in (name.split(".") for name in names)]
+    table.add_row("truth", *(f"{float(value):.5g}" for value in values), "", "")
+    for name, groups in found.items():
+        for search, group in groups.items():
+            medians = (f"{value:.5g}" for value in np.median(group.theta, axis=0))
+            ends = f"{np.median(group.objective):.5f}", f"{np.nanmedian(group.evaluations):.0f}"
+            table.add_row(f"{name}, {LABELS[search.split()[0]]}", *medians, *ends)
+    console.print(table)
 
 
 def measured_frequencies(console: Console) -> None:

@@ -25,7 +25,7 @@ from torchplate.cli.report import figures, frf_figures, write_report
 from torchplate.cli.result import caveats, summarise
 from torchplate.discrepancy import Objective, sensitivity
 from torchplate.model import DENSE, SparseModel, basis_error, reduce
-from torchplate.search import Checkpoint, Outcome, minimize
+from torchplate.search import Checkpoint, Outcome, least_squares, minimize
 from torchplate.search import Progress as SearchProgress
 
 N_FREQUENCY_LISTED = 20
@@ -89,6 +89,8 @@ def run(
     log = RunLog(folder, model.names, None if checkpoint is None else int(checkpoint["generation"]))
     try:
         outcome = _search(recipe, searched, log, checkpoint, console)
+        if recipe.config.search.polish:
+            outcome = _polished(searched, outcome, console)
         order = outcome.best_objective.argsort()
         theta = model.space.to_si(outcome.best_position[order])
         found = _finished(recipe, objective, searched, folder, theta, outcome, console)
@@ -167,6 +169,24 @@ def _search(recipe: Run, searched: Objective, log: RunLog, checkpoint: Checkpoin
             on_generation=report,
             resume=checkpoint,
         )
+
+
+@torch.no_grad()
+def _polished(searched: Objective, outcome: Outcome, console: Console) -> Outcome:
+    """Every search's best, finished by least squares on the residuals, and kept where the objective is lower."""
+    space = searched.model.space
+    finish = least_squares(lambda position: searched.residual(space.to_si(position)), outcome.best_position)
+    objective = searched(space.to_si(finish.position))
+    lower = objective < outcome.best_objective
+    console.print(
+        f"  polished by least squares: objective {float(outcome.best_objective.min()):.6g} before, "
+        f"{float(torch.where(lower, objective, outcome.best_objective).min()):.6g} after"
+    )
+    return outcome._replace(
+        best_position=torch.where(lower[..., None], finish.position, outcome.best_position),
+        best_objective=torch.where(lower, objective, outcome.best_objective),
+        n_evaluation=outcome.n_evaluation + finish.n_evaluation,
+    )
 
 
 @torch.no_grad()
