@@ -117,8 +117,8 @@ class Run:
         if (table := evidence.natural_frequencies) is not None and int(table.mode.max()) > model.assembly.size:
             raise self.error(
                 "measurement.natural_frequencies",
-                f"Expected modes up to {model.assembly.size}, as many as the mesh has, got mode {int(table.mode.max())}. "
-                "Raise mesh.refine, or leave it out.",
+                f"Expected modes up to {model.assembly.size}, as many as the mesh has, got mode "
+                f"{int(table.mode.max())}. Raise mesh.refine, or leave it out.",
             )
         return Objective(model, evidence, self.config.objective.kind)
 

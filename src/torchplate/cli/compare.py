@@ -57,8 +57,8 @@ def compare(folders: Sequence[Path], out: Path | None = None, console: Console |
     searched = {", ".join(result["parameters"]) or "none" for result in results}
     if len(searched) > 1:
         raise InputError(
-            f"compare: Expected runs that search the same parameters, got {' against '.join(sorted(searched))}. Compare "
-            "them apart."
+            f"compare: Expected runs that search the same parameters, got {' against '.join(sorted(searched))}. "
+            "Compare them apart."
         )
     groups = gathered(folders)
     out = out or Path(os.path.commonpath([folder.resolve().parent for folder in folders]))
@@ -190,7 +190,7 @@ def _tables(groups: Mapping[str, Compared]) -> tuple[list[list[str]], list[list[
         spread = np.quantile(group.theta, [0.25, 0.5, 0.75], axis=0).T
         single = len(group.theta) == 1
         found.append(
-            [name, *(f"{m:.6g}" if single else f"{m:.6g} ({low:.4g} to {high:.4g})" for low, m, high in spread)]
+            [name, *(f"{m:.6g}" if single else f"{m:.6g} ({low:.6g} to {high:.6g})" for low, m, high in spread)]
         )
     return [list(row) for row in zip(*columns, strict=True)], [list(row) for row in zip(*found, strict=True)]
 

@@ -39,14 +39,17 @@ class Sensitivity(NamedTuple):
 def sensitivity(objective: Objective, theta: Float[Tensor, " n_parameter"]) -> Sensitivity:
     """Sensitivity of the residuals at one estimate, by central differences in one batch.
 
-    On an edge of the interval the step goes beyond it, at most by a ten-thousandth of its width.
+    On an edge of the interval the step goes beyond it, at most by a ten-thousandth of its width; where the parameter
+    makes no sense there (a negative damping), the difference is one-sided.
     """
     space, n = objective.model.space, len(theta)
     position = space.to_cube(theta)
     steps = STEP * torch.cat([torch.eye(n), -torch.eye(n)]).to(position)
     members = space.to_si(torch.cat([position + steps, position[None]]))
-    residual = objective.residual(members.clamp(min=_physical_floor(objective).to(members)))
-    jacobian = ((residual[:n] - residual[n : 2 * n]) / (2 * STEP)).mT
+    members = members.clamp(min=_physical_floor(objective).to(members))
+    residual, reached = objective.residual(members), space.to_cube(members)
+    apart = (reached[:n] - reached[n : 2 * n]).diagonal()
+    jacobian = ((residual[:n] - residual[n : 2 * n]) / apart[:, None]).mT
     norm = jacobian.norm(dim=0)
     blind = norm < BLIND
     std = torch.full_like(theta, torch.inf)
@@ -54,13 +57,18 @@ def sensitivity(objective: Objective, theta: Float[Tensor, " n_parameter"]) -> S
     flat = jacobian.new_zeros(0, n)
     if len(seen):
         # Scaled columns, so that a direction counts as flat only where seen parameters cancel each other.
-        _, values, directions = torch.linalg.svd(jacobian[:, seen] / norm[seen], full_matrices=False)
+        scaled = jacobian[:, seen] / norm[seen]
+        # Rows of zeros where there are fewer residuals than parameters: every direction then has its singular value.
+        scaled = torch.cat([scaled, scaled.new_zeros(max(0, len(seen) - len(scaled)), len(seen))])
+        _, values, directions = torch.linalg.svd(scaled, full_matrices=False)
         level = values < 1e-5 * values[0]
         flat = jacobian.new_zeros(int(level.sum()), n)
         flat[:, seen] = directions[level] / norm[seen]
         variance = residual[-1].square().sum() / max(1, residual.shape[-1] - len(seen))
         inverse = torch.where(level, torch.inf, 1 / values.clamp(min=torch.finfo(values.dtype).tiny) ** 2)
         spread = (directions.square() * inverse[:, None]).nan_to_num(nan=0.0, posinf=torch.inf).sum(0)
+        # Unseen stays infinite where the residuals are zero.
+        variance = torch.where(spread.isinf(), 1.0, variance)
         per_unit = space.to_si(position + STEP * torch.eye(n).to(position)).diagonal() - theta
         std[seen] = (variance * spread).sqrt() / norm[seen] * per_unit[seen] / STEP
     return Sensitivity(norm, std, blind, flat)

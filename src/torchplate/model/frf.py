@@ -9,13 +9,21 @@ d + s Uᵀ C U, and the Woodbury identity puts them in exactly: α = R_jk − R_
 modal sum without them. s = iω on the frequency axis; s = iω + σ for a record windowed by exp(−σt).
 """
 
+from collections.abc import Sequence
+
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from torchplate.effects import SensorChain
 from torchplate.plate import Proportional, System
 
 KINDS = ("receptance", "mobility", "accelerance", "transmissibility")
+DERIVATIVE = {"receptance": 0, "mobility": 1, "accelerance": 2}
+# Numbers of an array [member, line, mode] that a CPU's cache holds beside what is made of them.
+CACHED = 2**18
+# Fewer lines at once do not pay for the [member, mode, mode] gradients that each part of the lines adds up.
+ADJOINT_LINES = 32
 
 
 def modal_denominator(
@@ -80,7 +88,7 @@ def receptance(
     n_response, n_reference = response.shape[-2], reference.shape[-2]
     if dashpot.shape[-2] == 0:
         return modal_receptance(eigenvalue, proportional, laplace, response, reference)
-    left, right = _stack_rows(response, dashpot), _stack_rows(reference, dashpot)
+    left, right = stack_rows(response, dashpot), stack_rows(reference, dashpot)
     whole = modal_receptance(eigenvalue, proportional, laplace, left, right)
     gain = laplace[..., None, None] * viscous[..., None, :, None]
     coupled = torch.eye(dashpot.shape[-2]).to(whole) + gain * whole[..., n_response:, n_reference:]
@@ -108,7 +116,46 @@ def direct_receptance(
     return torch.stack(columns, dim=-3)
 
 
-def _stack_rows(first: Tensor, second: Tensor) -> Tensor:
+def laplace_lines(frequency: Float[Tensor, " n_frequency"], decay: float) -> Complex[Tensor, " n_frequency"]:
+    """S = iω + σ [1/s] at frequencies in Hz."""
+    return torch.complex(torch.full_like(frequency, decay), 2 * torch.pi * frequency)
+
+
+def as_kind(
+    value: Complex[Tensor, "*#batch n_frequency n_response n_reference"], chain: SensorChain, kind: str
+) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
+    """From receptance to the kind asked for, as the sensor chain reports it."""
+    s = chain.laplace[..., None, None]
+    if kind == "transmissibility":
+        return chain.factor * (1 - s**2 * value)
+    return chain.factor * s ** DERIVATIVE[kind] * value
+
+
+def lines_at_once(memory: int, n_member: int, left: Tensor, right: Tensor, system: System) -> int:
+    """Lines that fit the memory [bytes], and on a CPU whose modal sums stay in its cache: that halves their time."""
+    n_dashpot, n_mode = system.dashpot.shape[-2:]
+    pairs = (left.shape[-2] + n_dashpot) * (right.shape[-2] + n_dashpot)
+    numbers = 6 * n_mode + 6 * pairs
+    if system.hysteretic is not None:
+        numbers += 6 * n_mode**2
+    cached = CACHED // (n_member * n_mode)
+    if torch.is_grad_enabled():
+        n_solved = 2 * min(left.shape[-2], right.shape[-2])
+        numbers += 10 * n_solved * n_mode
+        cached = max(ADJOINT_LINES, cached // n_solved)
+    fitting = memory // (n_member * left.element_size() * numbers)
+    return max(1, min(fitting, cached) if left.device.type == "cpu" else fitting)
+
+
+def joined(parts: Sequence[Tensor], dim: int) -> Tensor:
+    """Chunks put together; a single one is not copied."""
+    return parts[0] if len(parts) == 1 else torch.cat(list(parts), dim=dim)
+
+
+def stack_rows(
+    first: Float[Tensor, "*#batch n_first n"], second: Float[Tensor, "*#batch n_second n"]
+) -> Float[Tensor, "*batch n_both n"]:
+    """Rows under rows, whatever batch each has."""
     batch = torch.broadcast_shapes(first.shape[:-2], second.shape[:-2])
     return torch.cat([rows.expand(*batch, *rows.shape[-2:]) for rows in (first, second)], dim=-2)
 

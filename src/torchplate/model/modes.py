@@ -23,8 +23,10 @@ class Modes(NamedTuple):
 
 
 def natural_frequencies(eigenvalue: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """√ω² / 2π [Hz], zero where rounding leaves a rigid-body mode below zero."""
-    return eigenvalue.clamp(min=0).sqrt() / (2 * torch.pi)
+    """√ω² / 2π [Hz], zero where rounding leaves a rigid-body mode below zero, and its derivative is then zero too."""
+    positive = eigenvalue > 0
+    # The root's slope at zero is infinite, and even a discarded infinity turns into NaN in the backward.
+    return torch.where(positive, torch.where(positive, eigenvalue, 1.0).sqrt(), 0.0) / (2 * torch.pi)
 
 
 def whiten(

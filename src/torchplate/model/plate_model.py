@@ -10,13 +10,13 @@ from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
 from torchplate.effects import Effect, Plate, SensorChain
-from torchplate.model.frf import KINDS, direct_receptance, receptance
+from torchplate.model.frf import KINDS, as_kind, direct_receptance, joined, laplace_lines, lines_at_once
+from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
 from torchplate.model.parameter_space import ParameterSpace, Searched
 from torchplate.plate import Assembly, Geometry, Local, Mesh, Proportional, Section, System
 
 Point = int | Sequence[float]
-DERIVATIVE = {"receptance": 0, "mobility": 1, "accelerance": 2}
 
 
 class Plan(NamedTuple):
@@ -93,6 +93,10 @@ class PlateModel(nn.Module):
         self.space = ParameterSpace(names, [everything[k].unit for k in names], [searched[k] for k in names])
         self.register_buffer("known", torch.tensor(values, dtype=torch.float64))
         self.assembly = Assembly(mesh)
+        # Made now, because what is first made inside a torch.func transform belongs to that transform.
+        for name, member in vars(Mesh).items():
+            if isinstance(member, functools.cached_property):
+                getattr(mesh, name)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -158,7 +162,10 @@ class PlateModel(nn.Module):
         return self.assembly.system(*self.plan(theta))
 
     def modes(self, theta: Float[Tensor, "*batch n_parameter"]) -> Modes:
-        """All undamped modes, one `torch.linalg.eigh` for the batch."""
+        """All undamped modes, one `torch.linalg.eigh` for the batch.
+
+        Shapes have no derivative where frequencies repeat: differentiate `frf` or `natural_frequencies` instead.
+        """
         system = self.system(theta)
         return solve_modes(system.stiffness, system.mass)
 
@@ -166,6 +173,11 @@ class PlateModel(nn.Module):
         self, theta: Float[Tensor, "*batch n_parameter"], n_mode: int = 20
     ) -> Float[Tensor, "*batch n_mode"]:
         """The lowest undamped natural frequencies [Hz], rigid-body modes first.
+
+        Differentiable by dω² = φᵀ(dK − ω² dM)φ, which divides by no gap. Where frequencies repeat, what does not
+        depend on the order within the cluster (its sum, its mean) has the right gradient; a single member has the one
+        along the eigenvector that the solver picked, between the slopes of the branches that meet there. A rigid-body
+        mode's is zero, or as small as its frequency. Second derivatives exist only where no frequency repeats.
 
         Raises:
             ValueError: if the model has fewer modes than that.
@@ -179,7 +191,7 @@ class PlateModel(nn.Module):
             system = self.system(members)
             eigenvalue = solve_eigenvalues(system.stiffness, system.mass)[..., :n_mode]
             parts.append(natural_frequencies(eigenvalue).expand(len(members), n_mode))
-        return _joined(parts, 0).reshape(*theta.shape[:-1], n_mode)
+        return joined(parts, 0).reshape(*theta.shape[:-1], n_mode)
 
     def frf(
         self,
@@ -205,8 +217,9 @@ class PlateModel(nn.Module):
             ValueError: if a place or the kind is unknown, or none is given and the model has no measurement.
         """
         points = self._points(response, reference, kind)
-        parts = [self._frf(members, _laplace(frequency.to(theta), decay), *points) for members in self._chunks(theta)]
-        return _joined(parts, 0).reshape(*theta.shape[:-1], *parts[0].shape[1:])
+        laplace = laplace_lines(frequency.to(theta), decay)
+        parts = [self._frf(members, laplace, *points) for members in self._chunks(theta)]
+        return joined(parts, 0).reshape(*theta.shape[:-1], *parts[0].shape[1:])
 
     def _points(
         self, response: Sequence[Point] | None, reference: Sequence[Point] | None, kind: str | None
@@ -231,21 +244,17 @@ class PlateModel(nn.Module):
     ) -> Complex[Tensor, "n_member n_frequency n_response n_reference"]:
         plan = self.plan(theta)
         system = self.assembly.system(*plan)
-        modes = solve_modes(system.stiffness, system.mass)
-        hysteretic = None
-        if system.hysteretic is not None:
-            hysteretic = modes.shape.mT @ system.hysteretic @ modes.shape
+        modes = frozen_modes(system.stiffness, system.mass)
 
         def solve(s: Tensor, left: Tensor, right: Tensor) -> Tensor:
-            rows = [row @ modes.shape for row in (left, right, system.dashpot)]
-            at_once = self._lines_at_once(len(theta), modes.eigenvalue.shape[-1], left, right, system)
+            impedance = modal_impedance(system, modes, s)
+            rows = [row @ modes.shape for row in (left, right)]
+            at_once = lines_at_once(self.memory // 2, len(theta), left, right, system)
             parts = [
-                receptance(
-                    modes.eigenvalue, system.proportional, lines, rows[0], rows[1], rows[2], system.viscous, hysteretic
-                )
+                differentiable_receptance(impedance._replace(laplace=lines), rows[0], rows[1])
                 for lines in s.split(at_once, dim=-1)
             ]
-            return _joined(parts, -3)
+            return joined(parts, -3)
 
         whole = self._observed(theta, plan, laplace, (response, reference, kind), solve)
         return whole.expand(len(theta), *whole.shape[-3:])
@@ -264,7 +273,7 @@ class PlateModel(nn.Module):
         plan = self.plan(theta)
         system = self.assembly.system(*plan)
         solve = functools.partial(direct_receptance, system)
-        whole = self._observed(theta, plan, _laplace(frequency.to(theta), decay), points, solve)
+        whole = self._observed(theta, plan, laplace_lines(frequency.to(theta), decay), points, solve)
         return whole.expand(*theta.shape[:-1], *whole.shape[-3:])
 
     def observed(
@@ -282,7 +291,8 @@ class PlateModel(nn.Module):
             frequency: lines [Hz].
             solve: from s, response rows and reference rows to receptances.
         """
-        return self._observed(theta, plan, _laplace(frequency.to(theta), 0.0), self._points(None, None, None), solve)
+        laplace = laplace_lines(frequency.to(theta), 0.0)
+        return self._observed(theta, plan, laplace, self._points(None, None, None), solve)
 
     def _observed(
         self,
@@ -296,7 +306,7 @@ class PlateModel(nn.Module):
         response, reference, kind = points
         chain = self._chain(theta, plan, laplace, response, reference)
         left = self.assembly.rows(self.mesh.deflection_at(chain.response))
-        return _as_kind(solve(chain.laplace, left, self.excitation(plan, reference)), chain, kind)
+        return as_kind(solve(chain.laplace, left, self.excitation(plan, reference)), chain, kind)
 
     def _chain(
         self, theta: Tensor, plan: Plan, laplace: Tensor, response: Tensor, reference: Tensor | None
@@ -326,30 +336,3 @@ class PlateModel(nn.Module):
         flat = theta.reshape(theta.shape[:-1].numel(), theta.shape[-1])
         per_member = 8 * theta.element_size() * self.assembly.size**2
         return iter(flat.split(max(1, self.memory // 2 // per_member)))
-
-    def _lines_at_once(self, n_member: int, n_mode: int, left: Tensor, right: Tensor, system: System) -> int:
-        """Lines that fit the other half."""
-        n_dashpot = system.dashpot.shape[-2]
-        pairs = (left.shape[-2] + n_dashpot) * (right.shape[-2] + n_dashpot)
-        numbers = 6 * n_mode + 6 * pairs
-        if system.hysteretic is not None:
-            numbers += 6 * n_mode**2
-        return max(1, self.memory // 2 // (n_member * left.element_size() * numbers))
-
-
-def _joined(parts: Sequence[Tensor], dim: int) -> Tensor:
-    """Chunks put together; a single one is not copied."""
-    return parts[0] if len(parts) == 1 else torch.cat(list(parts), dim=dim)
-
-
-def _laplace(frequency: Tensor, decay: float) -> Tensor:
-    """S = iω + σ [1/s]."""
-    return torch.complex(torch.full_like(frequency, decay), 2 * torch.pi * frequency)
-
-
-def _as_kind(value: Tensor, chain: SensorChain, kind: str) -> Tensor:
-    """From receptance to the kind asked for, as the sensor chain reports it."""
-    s = chain.laplace[..., None, None]
-    if kind == "transmissibility":
-        return chain.factor * (1 - s**2 * value)
-    return chain.factor * s ** DERIVATIVE[kind] * value

@@ -1,0 +1,174 @@
+"""The dynamic stiffness in modal coordinates: solves with it, its gradient, and its change.
+
+Rows of complex numbers are [*batch n_frequency n_row n]; every product of all lines at once is a real one.
+"""
+
+from typing import Any, NamedTuple
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from torchplate.model.frf import modal_denominator, modal_receptance, stack_rows
+from torchplate.plate import Proportional
+
+
+class Impedance(NamedTuple):
+    """Z(s) = A (1 + iβ + sb) + B (iη + sa + s²) + s Uᵀ c U + iH in modal coordinates.
+
+    The functions below read only the diagonals of A and B, the rest being zero, and give the gradient of every entry.
+    """
+
+    stiffness: Float[Tensor, "*#batch n n"]  # A = ΦᵀKΦ [rad²/s²]
+    mass: Float[Tensor, "*#batch n n"]  # B = ΦᵀMΦ [-]
+    dashpot: Float[Tensor, "*#batch n_dashpot n"]  # U [1/√kg]
+    viscous: Float[Tensor, "*#batch n_dashpot"]  # c [N s/m]
+    stiffness_loss_factor: Float[Tensor, "*#batch"]  # β [-]
+    mass_loss_factor: Float[Tensor, "*#batch"]  # η [1/s²]
+    mass_coefficient: Float[Tensor, "*#batch"]  # a [1/s]
+    stiffness_coefficient: Float[Tensor, "*#batch"]  # b [s]
+    hysteretic: Float[Tensor, "*#batch n n"] | None  # H = ΦᵀHΦ [rad²/s²]
+    laplace: Complex[Tensor, "*#batch n_frequency"]  # s [1/s]
+
+    @property
+    def eigenvalue(self) -> Float[Tensor, "*batch n"]:
+        """ω² [rad²/s²]."""
+        return self.stiffness.diagonal(dim1=-2, dim2=-1)
+
+    @property
+    def proportional(self) -> Proportional:
+        """Damping in proportion to K and M."""
+        return Proportional(*self[4:8])
+
+
+def solve(z: Impedance, weight: Tensor, rows: Tensor) -> Tensor:
+    """Rows x = Z⁻¹ r by line, r = weight · rows; dashpots by the Woodbury identity, as in `receptance`.
+
+    Args:
+        z: the impedance.
+        weight: complex [*batch n_frequency n_solved n_row].
+        rows: real [*batch n_row n].
+    """
+    real, imaginary = modal_denominator(z.eigenvalue, z.proportional, z.laplace)
+    gain = z.laplace[..., None, None] * z.viscous[..., None, :, None]
+    if z.hysteretic is not None:
+        impedance = torch.diag_embed(torch.complex(real, imaginary)) + 1j * z.hysteretic[..., None, :, :]
+        dashpot = z.dashpot[..., None, :, :].to(impedance)
+        return torch.linalg.solve(impedance + dashpot.mT @ (gain * dashpot), times(weight, rows).mT).mT
+    if z.dashpot.shape[-2] > 0:
+        # The dashpots' forces are more rows in the mix, so that the many modes are gone through only once.
+        felt = modal_receptance(z.eigenvalue, z.proportional, z.laplace, stack_rows(rows, z.dashpot), z.dashpot)
+        by_rows, own = felt.split([rows.shape[-2], z.dashpot.shape[-2]], dim=-2)
+        coupled = torch.eye(own.shape[-1]).to(own) + gain * own
+        force = torch.linalg.solve(coupled, gain * (weight @ by_rows).mT).mT
+        weight = torch.cat([weight.expand(*force.shape[:-1], weight.shape[-1]), -force], dim=-1)
+        rows = stack_rows(rows, z.dashpot)
+    scale = 1 / (real**2 + imaginary**2)
+    return times(weight, rows) * torch.complex(real * scale, -imaginary * scale)[..., None, :]
+
+
+def coefficients(z: Impedance) -> tuple[Tensor, Tensor]:
+    """What A and B are times at each line: κ = 1 + iβ + sb and μ = iη + sa + s²."""
+    beta, eta, a, b = (value[..., None] for value in z.proportional)  # type: ignore[index]
+    return 1 + 1j * beta + z.laplace * b, 1j * eta + z.laplace * a + z.laplace**2
+
+
+def adjoint_gradient(z: Impedance, adjoint: Tensor, moved: Tensor, needed: Any) -> list[Tensor | None]:
+    """Gradients of −Re Σ wᵀ Z x over all lines and rows, in the order of `Impedance`.
+
+    Args:
+        z: the impedance.
+        adjoint: w [*batch n_frequency n_row n].
+        moved: x, likewise.
+        needed: for each part of the impedance, whether its gradient is wanted.
+    """
+    grad: dict[str, Tensor | None] = dict.fromkeys(Impedance._fields)
+    need = dict(zip(Impedance._fields, needed, strict=True))
+    kappa, mu = coefficients(z)
+    s = z.laplace
+    for name, weight in (("stiffness", kappa), ("mass", mu), ("hysteretic", torch.full_like(s, 1j))):
+        if need[name]:
+            grad[name] = -contract(adjoint * weight[..., None, None], moved)
+    rate = torch.zeros_like(s)
+    if need["stiffness_loss_factor"] or need["stiffness_coefficient"] or need["laplace"]:
+        work = _work(adjoint, moved, z.stiffness)
+        grad["stiffness_loss_factor"] = work.imag.sum(-1)
+        grad["stiffness_coefficient"] = -(s * work).real.sum(-1)
+        rate = rate - z.stiffness_coefficient[..., None] * work
+    if need["mass_loss_factor"] or need["mass_coefficient"] or need["laplace"]:
+        work = _work(adjoint, moved, z.mass)
+        grad["mass_loss_factor"] = work.imag.sum(-1)
+        grad["mass_coefficient"] = -(s * work).real.sum(-1)
+        rate = rate - (z.mass_coefficient[..., None] + 2 * s) * work
+    if z.dashpot.shape[-2] > 0 and (need["dashpot"] or need["viscous"] or need["laplace"]):
+        pull, push = (times(rows, z.dashpot.mT) for rows in (adjoint, moved))
+        power = (pull * push).sum(-2)
+        grad["viscous"] = -(s[..., None] * power).real.sum(-2)
+        rate = rate - (z.viscous[..., None, :] * power).sum(-1)
+        if need["dashpot"]:
+            gain = s[..., None, None] * z.viscous[..., None, None, :]
+            grad["dashpot"] = -(contract(gain * push, adjoint) + contract(gain * pull, moved))
+    grad["laplace"] = conjugate(rate)
+    return [
+        value.sum_to_size(part.shape) if need[name] and value is not None and part is not None else None
+        for (name, value), part in zip(grad.items(), z, strict=True)
+    ]
+
+
+def change_times(z: Impedance, tangents: Any, moved: Tensor) -> Tensor:
+    """Rows dZ x for the change of every part of the impedance; None is no change."""
+    change = dict(zip(Impedance._fields, tangents, strict=True))
+    kappa, mu = coefficients(z)
+    s = z.laplace
+    total = torch.zeros_like(moved)
+    for name, weight in (("stiffness", kappa), ("mass", mu), ("hysteretic", torch.full_like(s, 1j))):
+        if change[name] is not None:
+            total = total + weight[..., None, None] * times(moved, change[name])
+    factor, squared = torch.full_like(s, 1j), z.mass_coefficient[..., None] + 2 * s
+    proportional = (
+        (z.stiffness, "stiffness_loss_factor", "stiffness_coefficient", z.stiffness_coefficient[..., None]),
+        (z.mass, "mass_loss_factor", "mass_coefficient", squared),
+    )
+    for matrix, loss, viscous, rate in proportional:
+        parts = [(change[loss], factor), (change[viscous], s)]
+        weights = [weight * part[..., None] for part, weight in parts if part is not None]
+        if change["laplace"] is not None:
+            weights.append(rate * change["laplace"])
+        if weights:
+            total = total + sum(weights)[..., None, None] * times(moved, matrix)
+    if z.dashpot.shape[-2] == 0:
+        return total
+    gain, push = s[..., None, None] * z.viscous[..., None, None, :], times(moved, z.dashpot.mT)
+    if change["dashpot"] is not None:
+        total = total + times(gain * push, change["dashpot"])
+        total = total + times(gain * times(moved, change["dashpot"].mT), z.dashpot)
+    of_gain = torch.zeros_like(gain)
+    if change["viscous"] is not None:
+        of_gain = of_gain + s[..., None, None] * change["viscous"][..., None, None, :]
+    if change["laplace"] is not None:
+        of_gain = of_gain + change["laplace"][..., None, None] * z.viscous[..., None, None, :]
+    return total + times(of_gain * push, z.dashpot)
+
+
+def times(rows: Tensor, matrix: Tensor) -> Tensor:
+    """Complex rows by line times a real matrix: one real product for all lines, of which torch would make one each."""
+    flat = rows.flatten(-3, -2)
+    return torch.complex(flat.real @ matrix, flat.imag @ matrix).unflatten(-2, rows.shape[-3:-1])
+
+
+def contract(first: Tensor, second: Tensor) -> Tensor:
+    """Re Σ a bᵀ over lines and rows, in one real product."""
+    left, right = torch.cat([first.real, -first.imag], dim=-2), torch.cat([second.real, second.imag], dim=-2)
+    return left.flatten(-3, -2).mT @ right.flatten(-3, -2)
+
+
+def _work(adjoint: Tensor, moved: Tensor, matrix: Tensor) -> Tensor:
+    """Σ wᵀ A x over the rows of each line; A's diagonal says all, unless a further derivative may need its rest."""
+    if torch.is_grad_enabled():
+        return (adjoint * times(moved, matrix)).sum((-2, -1))
+    return ((adjoint * moved).sum(-2) * matrix.diagonal(dim1=-2, dim2=-1)[..., None, :]).sum(-1)
+
+
+def conjugate(value: Tensor) -> Tensor:
+    """The conjugate, written out: vmap has no rule for torch's own once its parts are taken."""
+    return torch.complex(value.real, -value.imag)

@@ -1,0 +1,89 @@
+"""One member in sparse matrices says what the dense model says."""
+
+import pytest
+import torch
+
+from torchplate.model import SparseModel
+from torchplate.model.fine_mesh import SHIFT
+from torchplate.plate import Mesh
+
+# 324 to about 630 dofs.
+MESHES = {
+    "rectangle": Mesh(0.51, 0.33, 8, 11, edges={}),
+    "refined": Mesh(0.51, 0.33, 4, 3, 4, {"y1": "simply_supported"}),
+    "square": Mesh(0.42, 0.42, 13, 13),
+}
+FREQUENCY = torch.tensor([3.0, 71.0, 160.0, 311.0], dtype=torch.float64)
+
+
+@pytest.fixture(params=MESHES)
+def model(plates, request):
+    mesh = MESHES[request.param]
+    known = plates.damping_of_every_kind(mesh, metal="brass") | {"wires.stiffness": 2500.0, "lump.mass": 0.11}
+    points = {"response": [3, (0.4, 0.77)], "reference": [2, (0.91, 0.23)], "kind": "mobility"}
+    return plates.build(mesh, known, metal="brass", **points)
+
+
+def test_its_modes_are_the_dense_ones(model, plates):
+    sparse, dense = SparseModel(model, plates.nothing).modes(12), model.modes(plates.nothing)
+    n = len(sparse.eigenvalue)
+    assert n >= 13
+    # Rounding of the whole spectrum, which reaches 1e5 times as far as these modes.
+    assert torch.allclose(sparse.eigenvalue, dense.eigenvalue[:n], rtol=1e-7, atol=0)
+    gram = sparse.shape.mT @ SparseModel(model, plates.nothing).times_mass(sparse.shape)
+    assert torch.allclose(gram, torch.eye(n, dtype=torch.float64), atol=1e-8)
+
+
+def test_both_of_its_solvers_agree(model, plates):
+    one = SparseModel(model, plates.nothing)
+    sparse, dense = one.modes(12), one.modes(12, dense=True)
+    assert len(dense.eigenvalue) == model.assembly.size
+    assert torch.allclose(sparse.eigenvalue, dense.eigenvalue[: len(sparse.eigenvalue)], rtol=1e-7, atol=0)
+
+
+def test_modes_reach_the_frequency_asked_for_and_one_beyond(model, plates):
+    every = model.natural_frequencies(plates.nothing, 60)
+    for hertz in (float(every[30]) * 1.001, float(every[47]) * 1.001):
+        found = SparseModel(model, plates.nothing).modes(1, hertz).frequency
+        assert float(found[-1]) > hertz
+        assert torch.allclose(found, model.natural_frequencies(plates.nothing, len(found)), rtol=1e-7, atol=0)
+
+
+@pytest.mark.parametrize("loss_field", [False, True])
+def test_its_frfs_are_the_dense_ones(plates, relative_error, loss_field):
+    mesh = MESHES["refined"]
+    known = plates.damping_of_every_kind(mesh) | {"wires.stiffness": 2500.0, "lump.mass": 0.11}
+    if loss_field:
+        known["field.base"] = 0.02
+    for kind in ("receptance", "accelerance", "transmissibility"):
+        reference = None if kind == "transmissibility" else [2, (0.91, 0.23)]
+        model = plates.build(
+            mesh, known, response=[3, (0.4, 0.77)], reference=reference, kind=kind, loss_field=loss_field
+        )
+        found = SparseModel(model, plates.nothing).frf(FREQUENCY)
+        # Both solve the same dynamic stiffness, in another order.
+        assert relative_error(found, model.frf_direct(plates.nothing, FREQUENCY)) < 1e-8
+
+
+def test_residuals_are_orthogonal_to_the_modes_in_the_mass(model, plates):
+    sparse = SparseModel(model, plates.nothing)
+    shape = sparse.modes(12).shape
+    forces = model.assembly.rows(model.mesh.deflection_at(model.mesh.places([4, (0.3, 0.61)])))
+    residual = sparse.residual(shape, forces)
+    assert residual.shape == (model.assembly.size, 2)
+    weighted = sparse.times_mass(residual)
+    cosine = (shape.mT @ weighted) / (residual * weighted).sum(0).sqrt()
+    # Modes have unit mass; what is left is the rounding of the eigenvectors.
+    assert float(cosine.abs().max()) < 1e-8
+
+
+def test_residuals_are_what_the_modes_leave_of_a_static_force(model, plates):
+    sparse, system = SparseModel(model, plates.nothing), model.system(plates.nothing)
+    modes = model.modes(plates.nothing)
+    forces = model.assembly.rows(model.mesh.deflection_at(model.mesh.places([4, (0.3, 0.61)])))
+    moved = torch.linalg.solve(system.stiffness + SHIFT * system.mass, forces.mT)
+    low = modes.shape[:, :9]
+    kept = low @ ((low.mT @ forces.mT) / (modes.eigenvalue[:9, None] + SHIFT))
+    residual = sparse.residual(low, forces)
+    # K + shift M has a condition of 1e8 or so.
+    assert float((residual - (moved - kept)).norm() / residual.norm()) < 1e-6

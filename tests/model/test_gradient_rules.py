@@ -1,0 +1,76 @@
+"""The custom derivative rules alone, on well-scaled numbers where finite differences are sharp."""
+
+import pytest
+import torch
+from torch.autograd import gradcheck, gradgradcheck
+
+from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
+from torchplate.plate import Proportional, System
+
+# torch's forward mode loads its own rules by torch.jit.script, which warns of itself.
+pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
+
+N = 4
+
+
+def draw(*shape: int, generator: torch.Generator) -> torch.Tensor:
+    return torch.randn(*shape, generator=generator, dtype=torch.float64)
+
+
+def problem(batch: tuple[int, ...], *, n_dashpot: int, hysteretic: bool, repeated: bool) -> list[torch.Tensor]:
+    """Stiffness, mass, dashpots, viscous, β, η, a, b, hysteretic, s, left, right, all of order one."""
+    g = torch.Generator().manual_seed(len(batch) + 2 * n_dashpot)
+    factor = draw(*batch, N, N, generator=g)
+    stiffness = factor @ factor.mT + 0.5 * torch.eye(N)
+    mass = torch.eye(N).double() + 0.1 * (lambda m: m @ m.mT)(draw(N, N, generator=g))
+    if repeated:
+        # Two eigenvalues are exactly 2 and two are 5.
+        mass, stiffness = torch.eye(N).double(), torch.diag(torch.tensor([2.0, 5.0, 5.0, 2.0]).double())
+    loss = [0.1 + 0.2 * torch.rand(batch, generator=g, dtype=torch.float64) for _ in range(4)]
+    laplace = torch.complex(torch.tensor([0.1, 0.2, 0.15]), torch.tensor([0.7, 1.6, 2.3])).to(torch.complex128)
+    own = [0.2 * stiffness.clone()] if hysteretic else []
+    dashpot, viscous = draw(n_dashpot, N, generator=g), 0.3 + draw(*batch, n_dashpot, generator=g).abs()
+    sides = [draw(*batch, 2, N, generator=g), draw(3, N, generator=g)]
+    return [stiffness, mass, dashpot, viscous, *loss, *own, laplace, *sides]
+
+
+def evaluate(*given: torch.Tensor) -> torch.Tensor:
+    stiffness, mass, dashpot, viscous, *loss = given[:8]
+    *own, laplace, left, right = given[8:]
+    # Finite differences move single entries; only the symmetric part is a stiffness or a mass.
+    stiffness, mass = 0.5 * (stiffness + stiffness.mT), 0.5 * (mass + mass.mT)
+    hysteretic = 0.5 * (own[0] + own[0].mT) if own else None
+    system = System(mass, stiffness, dashpot, viscous, hysteretic, Proportional(*loss))
+    modes = frozen_modes(stiffness, mass)
+    return differentiable_receptance(modal_impedance(system, modes, laplace), left @ modes.shape, right @ modes.shape)
+
+
+@pytest.mark.parametrize(
+    ("batch", "n_dashpot", "hysteretic", "repeated"),
+    [((2,), 2, False, True), ((2,), 2, True, True), ((), 2, False, False), ((), 0, False, True), ((), 0, True, False)],
+)
+def test_every_argument_passes_gradcheck(batch: tuple, n_dashpot: int, hysteretic: bool, repeated: bool) -> None:
+    given = problem(batch, n_dashpot=n_dashpot, hysteretic=hysteretic, repeated=repeated)
+    given = [part.requires_grad_(part.numel() > 0) for part in given]
+    # Central differences of numbers of order one in float64: 1e-12 of the step's square, 1e-10 of rounding.
+    assert gradcheck(evaluate, given, eps=1e-6, atol=1e-6, rtol=1e-6, check_forward_ad=True)
+
+
+@pytest.mark.parametrize("repeated", [False, True], ids=["distinct", "repeated"])
+@pytest.mark.parametrize(("n_dashpot", "hysteretic"), [(2, False), (2, True), (0, False)])
+def test_every_argument_passes_a_second_gradcheck(n_dashpot: int, hysteretic: bool, repeated: bool) -> None:
+    given = problem((), n_dashpot=n_dashpot, hysteretic=hysteretic, repeated=repeated)
+    given = [part.requires_grad_(part.numel() > 0) for part in given]
+    # Random projections of the second derivative: rounding over the step, 1e-16 / 1e-6, times entries of order 1e3.
+    assert gradgradcheck(evaluate, given, eps=1e-6, atol=1e-5, rtol=1e-5, fast_mode=True)
+
+
+def test_more_responses_than_references_or_fewer_give_the_same_gradient() -> None:
+    given = problem((2,), n_dashpot=2, hysteretic=False, repeated=False)
+    found = []
+    for turned in (False, True):
+        parts = [part.clone().requires_grad_() for part in given]
+        value = evaluate(*parts[:-2], parts[-1], parts[-2]).mT if turned else evaluate(*parts)
+        found.append(torch.autograd.grad(value.abs().log().sum(), parts))
+    for one, other in zip(*found, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-10, atol=1e-10)

@@ -1,0 +1,165 @@
+"""The reduced basis says the same as the full model wherever it is offered, or is not offered."""
+
+import pytest
+import torch
+
+from torchplate.effects import HystereticDamping, Plate, PointMass, SupportSpring
+from torchplate.model import PlateModel, Searched, SparseModel, basis_error, reduce, reduced_basis
+from torchplate.plate import Mesh
+
+TOLERANCE = 1e-4
+KNOWN = {
+    "plate.poisson_ratio": 0.32,
+    "plate.density": 2700.0,
+    "wires.viscous_damping": 1.1,
+    "loss.stiffness_loss_factor": 9e-3,
+}
+BOX = {
+    "plate.youngs_modulus": Searched(5.8e10, 8.3e10),
+    "plate.thickness": Searched(2.7e-3, 3.3e-3),
+    "wires.stiffness": Searched(300.0, 4000.0, True),
+}
+PLACED = {
+    "lump.x": Searched(0.35, 0.6),
+    "lump.y": Searched(0.2, 0.4),
+    "lump.mass": Searched(0.0, 0.05),
+}
+MESHES = {
+    "rectangle": Mesh(0.47, 0.31, 8, 6),
+    "square": Mesh(0.4, 0.4, 7, 7),
+    "cantilever": Mesh(0.47, 0.31, 8, 6, edges={"x0": "clamped"}),
+}
+FREQUENCY = torch.linspace(4.0, 240.0, 40, dtype=torch.float64)
+
+
+def plate(mesh, searched=BOX, kind="accelerance", **more):
+    effects = {
+        "plate": Plate(),
+        "wires": SupportSpring(at=((0.21, 0.0), (0.9, 0.13), (0.66, 0.94))),
+        "loss": HystereticDamping(),
+    }
+    known = KNOWN | {"plate.youngs_modulus": 7e10, "plate.thickness": 3e-3, "wires.stiffness": 900.0} | more
+    if any(name.startswith("lump") for name in [*searched, *known]):
+        effects["lump"] = PointMass()
+    known = {name: value for name, value in known.items() if name not in searched}
+    reference = None if kind == "transmissibility" else [5, (0.83, 0.71)]
+    return PlateModel(mesh, effects, known, searched, [3, (0.61, 0.37)], reference, kind)
+
+
+def members(model, n, seed=3):
+    return model.space.to_si(
+        torch.rand(n, len(model.names), generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    )
+
+
+def frf_error(model, small, theta, frequency=FREQUENCY):
+    """Largest relative norm of the difference, over members and FRFs; the full model by a direct solve."""
+    full, found = model.frf_direct(theta, frequency), small.frf(theta, frequency)
+    return float(((found - full).norm(dim=-3) / full.norm(dim=-3)).max())
+
+
+# The stated tolerance is met at the members that were checked; others of the box are a little further off. The check
+# has four random ones, so that a tenfold margin is hardly ever exceeded.
+BEYOND_CHECKED = 10
+
+
+@pytest.mark.parametrize("mesh", ["rectangle", "square"])
+@pytest.mark.parametrize("kind", ["receptance", "mobility", "accelerance"])
+def test_frfs_hold_over_the_whole_box(mesh, kind):
+    model = plate(MESHES[mesh], kind=kind)
+    small, error = reduce(model, FREQUENCY, tolerance=TOLERANCE)
+    assert small.assembly.size < model.assembly.size / 2
+    assert error <= TOLERANCE
+    assert frf_error(model, small, members(model, 6)) < BEYOND_CHECKED * TOLERANCE
+
+
+def test_transmissibility_holds_over_the_whole_box():
+    model = plate(MESHES["cantilever"], kind="transmissibility")
+    small, error = reduce(model, FREQUENCY, tolerance=TOLERANCE)
+    assert error <= TOLERANCE
+    assert frf_error(model, small, members(model, 6)) < BEYOND_CHECKED * TOLERANCE
+
+
+def test_the_error_it_states_is_the_error_it_has():
+    model = plate(MESHES["rectangle"])
+    for columns in (12, 30):
+        modes = model.modes(members(model, 1)).shape[0, :, :columns]
+        small, theta = model.projected(modes), members(model, 3)
+        # Two ways to the same numbers: modal sum and direct solve agree to 1e-8.
+        assert basis_error(model, small, theta, FREQUENCY) == pytest.approx(frf_error(model, small, theta), rel=1e-5)
+
+
+@pytest.mark.parametrize("searched", [PLACED, BOX | PLACED])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+def test_a_mass_whose_place_is_searched_gets_a_good_basis_or_none(searched, tolerance):
+    model = plate(MESHES["rectangle"], searched)
+    answer = reduce(model, FREQUENCY, tolerance=tolerance)
+    if answer is not None:
+        assert answer[1] <= tolerance
+        # Where a place is searched, each member bends at its own: see BEYOND_CHECKED.
+        assert frf_error(model, answer[0], members(model, 8)) < BEYOND_CHECKED * tolerance
+
+
+def test_no_basis_is_offered_where_only_the_whole_model_would_do():
+    # The band reaches the last of 36 modes.
+    model = plate(Mesh(0.47, 0.31, 3, 2))
+    assert reduce(model, torch.linspace(10.0, 4000.0, 9, dtype=torch.float64)) is None
+
+
+def test_a_tolerance_beyond_rounding_is_not_promised():
+    assert reduce(plate(MESHES["rectangle"]), FREQUENCY, tolerance=1e-16) is None
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_natural_frequencies_alone_hold_over_the_whole_box(mesh):
+    model = plate(MESHES[mesh])
+    small, error = reduce(model, n_mode=9, tolerance=TOLERANCE)
+    assert error <= TOLERANCE
+    theta = members(model, 6)
+    full, found = model.natural_frequencies(theta, 9), small.natural_frequencies(theta, 9)
+    assert float((found / full - 1).abs().max()) < BEYOND_CHECKED * TOLERANCE
+
+
+def test_a_model_without_intervals_is_exact_where_it_was_built():
+    model = plate(MESHES["rectangle"], {})
+    small, error = reduce(model, FREQUENCY, n_mode=8)
+    assert error <= TOLERANCE
+    nothing = model.known.new_zeros(0)
+    # Its own modes are in the basis: the rest is rounding.
+    full, found = model.natural_frequencies(nothing, 8), small.natural_frequencies(nothing, 8)
+    assert torch.allclose(full, found, rtol=1e-8, atol=0)
+
+
+def test_beyond_the_dense_size_the_answer_is_as_good(monkeypatch):
+    monkeypatch.setattr(reduced_basis, "DENSE", 100)
+    model = plate(MESHES["rectangle"])
+    small, error = reduce(model, FREQUENCY, n_mode=6, tolerance=TOLERANCE)
+    assert error <= TOLERANCE
+    assert frf_error(model, small, members(model, 3)) < BEYOND_CHECKED * TOLERANCE
+
+
+@pytest.mark.parametrize("dense", [True, False])
+def test_close_modes_are_kept_or_left_together(monkeypatch, dense):
+    if not dense:
+        monkeypatch.setattr(reduced_basis, "DENSE", 0)
+    # Free and square: some modes come in pairs, and a cut between any two is tried.
+    model = plate(MESHES["square"], {}, **{"wires.stiffness": 0.0, "wires.viscous_damping": 0.0})
+    nothing = model.known.new_zeros(1, 0)
+    frequency = model.natural_frequencies(nothing[0], 24)
+    pairs = [n for n in range(5, 23) if frequency[n] / frequency[n - 1] - 1 < 1e-6]
+    assert len(pairs) >= 2
+    for n in pairs:
+        basis = reduced_basis._basis(model, nothing, None, n, 1.0)
+        assert basis.shape[1] == n + 1
+        found = model.projected(basis).natural_frequencies(nothing[0], n + 1)
+        # Both of the pair are there, up to rounding.
+        assert torch.allclose(found[3:], frequency[3 : n + 1], rtol=1e-8, atol=0)
+
+
+def test_the_basis_is_orthonormal_in_the_mass_of_the_first_member():
+    model = plate(MESHES["rectangle"])
+    theta = members(model, 2)
+    basis = reduced_basis._basis(model, theta, FREQUENCY, 0, 2.0)
+    gram = basis.mT @ SparseModel(model, theta[0]).times_mass(basis)
+    # Directions down to 1e-11 of the strongest are kept, in the square of their length: rounding grows by 1e5.5.
+    assert float((gram - torch.eye(len(gram), dtype=torch.float64)).abs().max()) < 1e-4
