@@ -379,9 +379,11 @@ effects:
   plate: {effect: plate, youngs_modulus: 2.04e11, poisson_ratio: 0.31, density: 7.7E+3, thickness: 3.1e-3}
   wires: {effect: support_spring, nodes: [2, 5, 11], stiffness: 1310, viscous_damping: {value: 83e-2, std: 1e-3}}
   loss: {effect: hysteretic_damping, stiffness_loss_factor: 6.2e-3}
+search: {n_generation: 1e2}
 """
     found = run(bench.write(text), bench.folder / "out")
     assert found.result["objective"] < 1e-12
+    assert found.result["search"]["n_generation"] == 100
     saved = run(found.folder / "config.yaml", bench.folder / "again")
     assert saved.result == found.result
 
@@ -414,3 +416,14 @@ def mesh(edges):
 def test_a_run_on_an_impossible_device_is_refused(bench):
     with pytest.raises(InputError, match="--device"):
         run(bench.folder / "truth.yaml", bench.folder / "out", device="abacus")
+
+
+def test_a_config_of_numbers_without_a_measurement_gives_natural_frequencies(bench):
+    found = bench.run(changes={"measurement": ...})
+    result = json.loads((found.folder / "result.json").read_text())
+    model = load_model(bench.folder / "truth.yaml")
+    expected = model.natural_frequencies(model.known.new_zeros(0), 20).tolist()
+    # Two eigensolvers; the lowest, on soft springs, are small beside the largest eigenvalue.
+    assert result["natural_frequencies_hz"] == pytest.approx(expected, rel=1e-5)
+    assert set(result) >= set(RESULT)
+    assert (result["objective"], result["parameters"]) == (None, {})

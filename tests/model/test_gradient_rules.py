@@ -4,7 +4,9 @@ import pytest
 import torch
 from torch.autograd import gradcheck, gradgradcheck
 
+from torchplate.model import gradient
 from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
+from torchplate.model.impedance import Impedance
 from torchplate.plate import Proportional, System
 
 # torch's forward mode loads its own rules by torch.jit.script, which warns of itself.
@@ -74,3 +76,46 @@ def test_more_responses_than_references_or_fewer_give_the_same_gradient() -> Non
         found.append(torch.autograd.grad(value.abs().log().sum(), parts))
     for one, other in zip(*found, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-10, atol=1e-10)
+
+
+def test_each_side_alone_has_the_gradient_it_has_among_all() -> None:
+    given = problem((2,), n_dashpot=2, hysteretic=False, repeated=False)
+    for sides in (given[-2:], given[:-3:-1]):
+        both = [side.clone().requires_grad_() for side in sides]
+        expected = torch.autograd.grad(evaluate(*given[:-2], *both).abs().log().sum(), both)
+        for position in (0, 1):
+            alone = [side.clone().requires_grad_(own == position) for own, side in enumerate(sides)]
+            (found,) = torch.autograd.grad(evaluate(*given[:-2], *alone).abs().log().sum(), alone[position])
+            # The same numbers on the same way.
+            torch.testing.assert_close(found, expected[position], rtol=1e-12, atol=1e-12)
+
+
+def test_the_adjoint_solves_for_the_shorter_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    sound, n_solved = gradient.solve, []
+
+    def solve(impedance: Impedance, weight: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
+        n_solved.append(weight.shape[-2])
+        return sound(impedance, weight, rows)
+
+    monkeypatch.setattr(gradient, "solve", solve)
+    given = problem((2,), n_dashpot=2, hysteretic=False, repeated=False)
+    for sides in (given[-2:], given[:-3:-1]):
+        stiffness = given[0].clone().requires_grad_()
+        evaluate(stiffness, *given[1:-2], *sides).abs().sum().backward()
+    # Two responses and three references, or three and two: two columns and two of the adjoint.
+    assert n_solved == [4, 4]
+
+
+def test_vmap_lines_up_batches_of_different_depth() -> None:
+    g = torch.Generator().manual_seed(3)
+    factor, other = draw(4, 3, N, N, generator=g), draw(4, N, N, generator=g)
+    stiffness, mass = factor @ factor.mT, other @ other.mT + torch.eye(N)
+    found = torch.func.vmap(frozen_modes)(stiffness, mass)
+    turned = torch.func.vmap(frozen_modes, in_dims=(1, None))(stiffness.movedim(0, 1), mass[2])
+    for member in range(4):
+        expected = frozen_modes(stiffness[member], mass[member])
+        # One LAPACK call for each matrix, whatever the batch.
+        torch.testing.assert_close(found.eigenvalue[member], expected.eigenvalue, rtol=1e-10, atol=1e-10)
+        torch.testing.assert_close(found.shape[member].abs(), expected.shape.abs(), rtol=1e-8, atol=1e-8)
+        shared = frozen_modes(stiffness[member], mass[2])
+        torch.testing.assert_close(turned.eigenvalue[member], shared.eigenvalue, rtol=1e-10, atol=1e-10)

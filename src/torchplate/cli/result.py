@@ -15,6 +15,29 @@ from torchplate.search import Outcome
 WIDE = 0.5
 
 
+def evaluated(settings: SearchConfig, natural_frequencies: Sequence[float]) -> dict[str, Any]:
+    """`result.json` of a model that is neither searched nor compared with anything.
+
+    Args:
+        settings: of a search, had there been one.
+        natural_frequencies: the lowest of the full model [Hz].
+    """
+    return {
+        "schema": "torchplate.result/1",
+        "objective": None,
+        "parameters": {},
+        "natural_frequencies_hz": list(natural_frequencies),
+        "n_evaluation": 1,
+        "n_generation": 0,
+        "status": "The model was evaluated: the config has no interval to search.",
+        "seed": settings.seed,
+        "optimizer": settings.optimizer,
+        "search": settings.model_dump(mode="json"),
+        "objective_kind": None,
+        "gap": None,
+    }
+
+
 def summarise(
     objective: Objective,
     theta: Tensor,
@@ -37,8 +60,7 @@ def summarise(
     """
     model, best = objective.model, theta[0]
     at_bound = model.space.at_bound(best).tolist()
-    result: dict[str, Any] = {
-        "schema": "torchplate.result/1",
+    result = evaluated(settings, natural_frequencies) | {
         "objective": float(values[0]),
         "parameters": {
             name: {
@@ -49,18 +71,15 @@ def summarise(
             }
             for index, name in enumerate(model.names)
         },
-        "natural_frequencies_hz": list(natural_frequencies),
-        "n_evaluation": 1 if outcome is None else int(outcome.n_evaluation.sum()),
-        "n_generation": 0 if outcome is None else int(outcome.n_generation.max()),
-        "status": "The model was evaluated: the config has no interval to search."
-        if outcome is None
-        else status(outcome),
-        "seed": settings.seed,
-        "optimizer": settings.optimizer,
-        "search": settings.model_dump(mode="json"),
         "objective_kind": "natural_frequencies" if objective.evidence.measurement is None else objective.kind,
         "gap": float(objective.gap(best)),
     }
+    if outcome is not None:
+        result |= {
+            "n_evaluation": int(outcome.n_evaluation.sum()),
+            "n_generation": int(outcome.n_generation.max()),
+            "status": status(outcome),
+        }
     if objective.evidence.gain_is_unknown:
         result["gain"] = float(objective.gain(best))
     if len(theta) > 1:

@@ -1,12 +1,9 @@
 """`torchplate run`: search the intervals of a config, and write down everything."""
 
 import json
-import os
-import platform
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -18,20 +15,20 @@ from torch import Tensor
 
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.compare import histories
-from torchplate.cli.config import InputError, dump
+from torchplate.cli.config import InputError
 from torchplate.cli.figures import convergence
+from torchplate.cli.folder import open_folder, read_checkpoint, run_folder
 from torchplate.cli.log import RunLog
 from torchplate.cli.report import figures, frf_figures, write_report
-from torchplate.cli.result import caveats, summarise
+from torchplate.cli.result import caveats, evaluated, summarise
 from torchplate.discrepancy import Objective, sensitivity
-from torchplate.model import DENSE, SparseModel, basis_error, reduce
+from torchplate.model import DENSE, PlateModel, SparseModel, basis_error, reduce
 from torchplate.search import Checkpoint, Outcome, least_squares, minimize
 from torchplate.search import Progress as SearchProgress
 
 N_FREQUENCY_LISTED = 20
 # Relative FRF norm beyond which the reduced basis is not believed at the best member.
 TRUSTED = 1e-3
-PACKAGES = ("torchplate-fem", "torch", "numpy", "scipy", "pyuff", "pydantic", "tensorboard", "matplotlib")
 
 
 @dataclass(frozen=True)
@@ -73,15 +70,15 @@ def run(
     console = console or Console()
     recipe = load_run(path, overrides)
     model = recipe.model().to(_device(device))
-    objective = recipe.objective(model)
+    measured = recipe.config.measurement
+    alone = not model.names and measured.file is None and measured.natural_frequencies is None
+    objective = None if alone else recipe.objective(model)
     recipe.optimizer()  # so that a wrong setting is said before anything is written
-    folder = _folder(recipe, out, resume)
-    if folder.is_file():
-        raise InputError(f"--out {folder}: Expected a folder, got a file. Name another place.")
-    checkpoint = _checkpoint(recipe, folder) if resume else None
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.yaml").write_text(dump(_relocated(recipe, folder)))
-    (folder / "versions.json").write_text(json.dumps(_versions(device), indent=1) + "\n")
+    folder = run_folder(recipe, out, resume)
+    checkpoint = read_checkpoint(recipe, folder) if resume else None
+    open_folder(recipe, folder, device)
+    if objective is None:
+        return _evaluated(recipe, model, folder, console)
     console.print(f"[bold]{recipe.path.stem}[/]: {_described(objective)}")
     searched = _in_reduced_basis(recipe, objective, console)
     if not model.names:
@@ -203,8 +200,7 @@ def _finished(
     best = theta[0]
     seen = sensitivity(searched, best) if objective.model.names else None
     sentences = [] if seen is None else caveats(searched, best, seen)
-    lowest = SparseModel(objective.model, best).modes(N_FREQUENCY_LISTED, dense=objective.model.assembly.size <= DENSE)
-    listed = lowest.frequency[:N_FREQUENCY_LISTED].tolist()
+    listed = _lowest(objective.model, best)
     result = summarise(searched, theta, searched(theta), seen, outcome, recipe.config.search, listed)
     if searched is not objective:
         result["basis_error"] = basis_error(objective.model, searched.model, best[None], *_wanted(objective))
@@ -220,6 +216,27 @@ def _finished(
     write_report(recipe, searched, best, result, sentences, drawn, folder)
     _say(console, folder, result, sentences)
     return Found(folder, result, sentences)
+
+
+@torch.no_grad()
+def _evaluated(recipe: Run, model: PlateModel, folder: Path, console: Console) -> Found:
+    """A config of numbers alone, without a measurement: the model's natural frequencies."""
+    listed = _lowest(model, model.known.new_zeros(0))
+    result = evaluated(recipe.config.search, listed)
+    (folder / "result.json").write_text(json.dumps(result, indent=1) + "\n")
+    text = (
+        f"Natural frequencies [Hz], undamped, rigid-body modes first: {', '.join(f'{hertz:.2f}' for hertz in listed)}."
+    )
+    (folder / "report.md").write_text(f"# {recipe.path.stem}\n\n{text}\n")
+    console.print(f"[bold]{recipe.path.stem}[/]: {text}\n  Results: {folder}", soft_wrap=True)
+    return Found(folder, result, [])
+
+
+def _lowest(model: PlateModel, theta: Tensor) -> list[float]:
+    """The lowest natural frequencies of the full model [Hz]."""
+    modes = SparseModel(model, theta).modes(N_FREQUENCY_LISTED, dense=model.assembly.size <= DENSE)
+    listed: list[float] = modes.frequency[:N_FREQUENCY_LISTED].tolist()
+    return listed
 
 
 def _say(console: Console, folder: Path, result: dict[str, Any], sentences: Sequence[str]) -> None:
@@ -260,61 +277,3 @@ def _device(name: str) -> torch.device:
             f"--device {name}: Expected a device that torch can use, got none ({reason}). Use cpu."
         ) from None
     return device
-
-
-def _folder(recipe: Run, out: Path | None, resume: bool) -> Path:
-    if out is not None:
-        return Path(out)
-    home = Path("runs") / recipe.path.stem
-    if not resume:
-        return home / time.strftime("%Y-%m-%d_%H-%M-%S")
-    past = sorted(folder.parent for folder in home.glob("*/checkpoint.pt"))
-    if not past:
-        raise InputError(
-            f"{recipe.path}: --resume: Expected a checkpoint under {home}, found none. Leave --resume out."
-        )
-    return past[-1]
-
-
-def _checkpoint(recipe: Run, folder: Path) -> Checkpoint:
-    path = folder / "checkpoint.pt"
-    if not path.exists():
-        raise InputError(f"{recipe.path}: --resume: Expected a checkpoint at {path}, found none. Leave --resume out.")
-    try:
-        checkpoint: Checkpoint = torch.load(path, weights_only=True)
-    except Exception as error:  # whatever torch says of a file that is no checkpoint
-        raise recipe.error("--resume", f"Expected a checkpoint in {path}, got another file. Run anew.") from error
-    past = load_run(folder / "config.yaml")
-    for key, before, now in zip(_IDENTITY, _identity(past), _identity(recipe), strict=True):
-        if before != now:
-            raise recipe.error(
-                f"--resume: {key}", f"Expected the checkpoint's, {before}, got {now}. Set it back, or run anew."
-            )
-    return checkpoint
-
-
-# What a checkpoint cannot go on without; budgets, and where the measurement lies, may change.
-_IDENTITY = ("search", "search.seed", "search.n_repeat", "search.basis", "mesh", "effects", "objective", "measurement")
-
-
-def _identity(recipe: Run) -> tuple[Any, ...]:
-    config, search = recipe.config, recipe.config.search
-    measurement = config.measurement.model_copy(update={"file": None})
-    own = recipe.optimizer(), search.seed, search.n_repeat, search.basis
-    return *own, config.mesh, config.effects, config.objective, measurement
-
-
-def _relocated(recipe: Run, folder: Path) -> dict[str, Any]:
-    """The config as it was run, overrides included; the measurement's path as seen from the run's folder."""
-    raw = dict(recipe.raw)
-    if recipe.config.measurement.file is not None:
-        file = (recipe.path.parent / recipe.config.measurement.file).resolve()
-        seen = os.path.relpath(file, folder.resolve())
-        raw["measurement"] = dict(raw["measurement"]) | {"file": seen}
-    return raw
-
-
-def _versions(device: str) -> dict[str, Any]:
-    packages = {name: version(name) for name in PACKAGES}
-    machine = {"python": platform.python_version(), "platform": platform.platform(), "device": device}
-    return machine | {"n_thread": torch.get_num_threads()} | packages
