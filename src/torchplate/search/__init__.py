@@ -1,13 +1,12 @@
 """Minimise on the unit cube, as tensor operations. Knows nothing of plates.
 
-- `optimizer`: what every optimiser is (ask, tell, frozen settings, returned state) and the registry
-`OPTIMIZERS`.
+- `optimizer`: what every optimiser is (ask, tell, frozen settings, returned state) and the registry `OPTIMIZERS`.
 - `minimization`, `outcome`: the loop that counts, stops, reports and resumes; what it returns.
 - `differential_evolution` (the ten classic variants), with `mutation`, `crossover`, `bounds` and `draws`, its parts;
   `jde`, `sade`, `l_shade`: those that set F, CR, strategy or population size themselves.
 - `artificial_bee_colony`: employed bees, onlookers, scouts.
-- `least_squares`: Levenberg-Marquardt with bounds, many starts in one batch; not an optimiser of the registry, for it
-  needs residuals.
+- `least_squares`, with `jacobian` and `least_squares_outcome`: Levenberg-Marquardt with bounds, many starts in one batch;
+  not an optimiser of the registry, for it needs residuals.
 
 A new optimiser is one file with a frozen dataclass `class Mine(Optimizer[MineState], name="mine")` and one
 line below; the registry, the generic tests and whatever lists the optimisers follow.
@@ -16,15 +15,11 @@ line below; the registry, the generic tests and whatever lists the optimisers fo
 from torchplate.search.artificial_bee_colony import ArtificialBeeColony
 from torchplate.search.bounds import BOUNDS
 from torchplate.search.differential_evolution import STRATEGIES, DifferentialEvolution
+from torchplate.search.jacobian import JACOBIANS
 from torchplate.search.jde import Jde
 from torchplate.search.l_shade import LShade
-from torchplate.search.least_squares import (
-    JACOBIANS,
-    LeastSquaresOutcome,
-    LeastSquaresProgress,
-    LeastSquaresStatus,
-    least_squares,
-)
+from torchplate.search.least_squares import least_squares
+from torchplate.search.least_squares_outcome import LeastSquaresOutcome, LeastSquaresProgress, LeastSquaresStatus
 from torchplate.search.minimization import Objective, minimize
 from torchplate.search.optimizer import OPTIMIZERS, Candidates, Optimizer, State, optimizer_named
 from torchplate.search.outcome import Checkpoint, Outcome, Progress, Status

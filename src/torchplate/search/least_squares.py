@@ -12,20 +12,17 @@ for solving nonlinear equations with convex constraints", J. Computational and A
 form).
 """
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor
 
+from torchplate.search.jacobian import JACOBIANS, Residual
+from torchplate.search.least_squares_outcome import LeastSquaresOutcome, LeastSquaresProgress, LeastSquaresStatus
 from torchplate.search.optimizer import unknown_name
-
-Residual = Callable[[Tensor], Tensor]
-"""Positions [*batch, n_dimension] in [0, 1] → real residuals [*batch, n_residual], for any leading dimensions."""
 
 MIN_GAIN = 1e-4
 """A step is taken where the sum of squares falls by more than this part of what the linear model promised (Moré)."""
@@ -36,178 +33,8 @@ Against the squared singular values of the scaled Jacobian it is without effect 
 """
 
 
-class LeastSquaresStatus(Enum):
-    """Why a start stopped; the value is the sentence for the user and ends in what to do."""
-
-    gradient = (
-        "No free parameter lowers the sum of squares to first order. "
-        "Accept the result as a minimum, and start elsewhere too to see whether it is the lowest."
-    )
-    step = (
-        "The steps have become shorter than the tolerance. "
-        "Accept the result as a minimum, and start elsewhere too to see whether it is the lowest."
-    )
-    objective = (
-        "The sum of squares has nothing left to fall, to within the tolerance. "
-        "Accept the result as a minimum, and start elsewhere too to see whether it is the lowest."
-    )
-    stuck = (
-        "No step, however short, lowers the sum of squares. "
-        "Accept the result if its gradient is small; else mend the jacobian, or what makes the residual NaN beside it."
-    )
-    budget = (
-        "The budget is spent while the sum of squares still falls. "
-        "Raise n_iteration or n_evaluation, or start nearer to the minimum."
-    )
-    no_number = (
-        "The residual or its jacobian is not a finite number at the start. "
-        "Evaluate both there by hand and mend them, or start elsewhere."
-    )
-
-    @property
-    def settled(self) -> bool:
-        """Whether the start has found a minimum."""
-        return self in {LeastSquaresStatus.gradient, LeastSquaresStatus.step, LeastSquaresStatus.objective}
-
-
 _STATUSES = list(LeastSquaresStatus)
 _RUNNING = -1
-
-
-class LeastSquaresOutcome(NamedTuple):
-    """Where every start has come to.
-
-    Attributes:
-        position: The place on the unit cube; a parameter on its bound is exactly 0 or 1.
-        objective: ½ Σ r² there; +inf where the start gave no number.
-        gradient: Jᵀr there, with 0 for a parameter that its bound holds back.
-        gradient_norm: Its Euclidean norm.
-        n_evaluation: Residuals evaluated, those of the differences included.
-        n_jacobian: Jacobians evaluated.
-        n_iteration: Steps tried, those that were refused included.
-        status: Why each start stopped, in row-major order of the batch; one entry where there is no batch.
-        residual: r at the position.
-        jacobian: J = ∂r/∂position there, columns of the held parameters too.
-    """
-
-    position: Float[Tensor, "*batch n_dimension"]
-    objective: Float[Tensor, "*batch"]
-    gradient: Float[Tensor, "*batch n_dimension"]
-    gradient_norm: Float[Tensor, "*batch"]
-    n_evaluation: Int[Tensor, "*batch"]
-    n_jacobian: Int[Tensor, "*batch"]
-    n_iteration: Int[Tensor, "*batch"]
-    status: tuple[LeastSquaresStatus, ...]
-    residual: Float[Tensor, "*batch n_residual"]
-    jacobian: Float[Tensor, "*batch n_residual n_dimension"]
-
-    @property
-    def normal_matrix(self) -> Float[Tensor, "*batch n_dimension n_dimension"]:
-        """JᵀJ: times 1/σ² the information that residuals of standard deviation σ hold on the position."""
-        return self.jacobian.mT @ self.jacobian
-
-
-class LeastSquaresProgress(NamedTuple):
-    """Where the starts stand after an iteration; iteration 0 is the start.
-
-    Attributes:
-        iteration: Iterations done.
-        n_evaluation: Residuals evaluated by each start so far.
-        position: The best place of each start.
-        objective: ½ Σ r² there.
-        damping: What the next step would be damped with, relative to the squared column norms of J.
-    """
-
-    iteration: int
-    n_evaluation: Int[Tensor, "*batch"]
-    position: Float[Tensor, "*batch n_dimension"]
-    objective: Float[Tensor, "*batch"]
-    damping: Float[Tensor, "*batch"]
-
-
-class JacobianRule(NamedTuple):
-    """How J is had from the residual alone.
-
-    Attributes:
-        differentiate: (function, position, residual there) → J.
-        n_evaluation: Residuals that it evaluates for each dimension.
-    """
-
-    differentiate: Callable[[Residual, Tensor, Tensor], Tensor]
-    n_evaluation: int
-
-
-def central_differences(
-    function: Residual,
-    position: Float[Tensor, "*batch n_dimension"],
-    residual: Float[Tensor, "*batch n_residual"],
-) -> Float[Tensor, "*batch n_residual n_dimension"]:
-    """J by differences of second order, all steps in one call [2 n_dimension, *batch, n_dimension].
-
-    With steps a and b, r' = ((r_a − r) b/a − (r_b − r) a/b) / (b − a). Inside, a = −h and b = h = ε^⅓; within h of an
-    edge both go inward, h and 2h. The error is of the order of ε^⅔ (4e-11 in float64).
-    """
-    step = torch.finfo(position.dtype).eps ** (1 / 3)
-    low, high = position < step, position > 1.0 - step
-    first = torch.where(low, step, -step)
-    second = torch.where(low, 2.0 * step, torch.where(high, -2.0 * step, step))
-    value, offset = _shifted(function, position, torch.stack((first, second)))
-    (at_a, at_b), (a, b) = value - residual, offset
-    return ((at_a * (b / a) - at_b * (a / b)) / (b - a)).movedim(0, -1)
-
-
-def forward_differences(
-    function: Residual,
-    position: Float[Tensor, "*batch n_dimension"],
-    residual: Float[Tensor, "*batch n_residual"],
-) -> Float[Tensor, "*batch n_residual n_dimension"]:
-    """J by one step of √ε in each dimension, inward at the upper edge; half the price, error about √ε (1e-8)."""
-    step = torch.finfo(position.dtype).eps ** 0.5
-    value, offset = _shifted(function, position, torch.where(position > 1.0 - step, -step, step).unsqueeze(0))
-    return ((value[0] - residual) / offset[0]).movedim(0, -1)
-
-
-def _shifted(function: Residual, position: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
-    """Residuals [n_step, n_dimension, *batch, n_residual] one dimension off, and by how much, after rounding."""
-    n_dimension = position.shape[-1]
-    axes = torch.eye(n_dimension, dtype=torch.bool, device=position.device)
-    axes = axes.reshape(n_dimension, *(1,) * (position.ndim - 1), n_dimension)
-    place = torch.where(axes, position + step.unsqueeze(1), position)
-    value = function(place.flatten(0, 1)).unflatten(0, (len(step), n_dimension))
-    offset = torch.where(axes, place - position, 0.0).sum(dim=-1, keepdim=True)
-    return value, offset
-
-
-def forward_mode(
-    function: Residual,
-    position: Float[Tensor, "*batch n_dimension"],
-    residual: Float[Tensor, "*batch n_residual"],  # noqa: ARG001
-) -> Float[Tensor, "*batch n_residual n_dimension"]:
-    """J by forward-mode automatic differentiation, exact to rounding.
-
-    The starts are independent, so that one tangent per dimension serves them all: a `vmap` of n_dimension `jvp`s, where
-    `jacfwd` of the whole batch would need n_dimension times as many as there are starts. The function must allow
-    `torch.func.jvp` and `torch.func.vmap`.
-    """
-    n_dimension = position.shape[-1]
-    axes = torch.eye(n_dimension, dtype=position.dtype, device=position.device)
-    axes = axes.reshape(n_dimension, *(1,) * (position.ndim - 1), n_dimension).expand(n_dimension, *position.shape)
-
-    def along(tangent: Tensor) -> Tensor:
-        return torch.func.jvp(function, (position,), (tangent,))[1]
-
-    with warnings.catch_warnings():
-        # The first use makes torch compile rules of its own by a function that it has itself deprecated.
-        warnings.filterwarnings("ignore", message="`torch.jit.script", category=DeprecationWarning)
-        return torch.func.vmap(along)(axes).movedim(0, -1)
-
-
-JACOBIANS: dict[str, JacobianRule] = {
-    "central": JacobianRule(central_differences, 2),
-    "forward": JacobianRule(forward_differences, 1),
-    "autograd": JacobianRule(forward_mode, 0),
-}
-"""The ways to a Jacobian by the name they have in `least_squares`."""
 
 
 def least_squares(
