@@ -63,9 +63,9 @@ def log_gain(
     pairs: Bool[Tensor, "n_response n_reference"],
 ) -> Float[Tensor, "*batch"]:
     """The level g that minimises Σ (ln |H_measured| − ln g |H_model|)²: the geometric mean of the ratios."""
-    kept = pairs & (measured != 0)
+    kept = pairs & (measured != 0) & (model != 0)
     ratio = torch.where(kept, (measured / torch.where(kept, model, 1.0)).abs(), 1.0)
-    return (ratio.log().sum((-3, -2, -1)) / kept.sum()).exp()
+    return (ratio.log().sum((-3, -2, -1)) / kept.sum((-3, -2, -1))).exp()
 
 
 def _projected(cross: Tensor, model: Tensor, measured: Tensor, pairs: Tensor) -> Tensor:
@@ -103,13 +103,13 @@ def log_amplitude(
 ) -> Float[Tensor, "*batch"]:
     """Root mean square of ln |H_model| − ln |H_measured| over lines and FRFs [Np]; peaks and valleys weigh alike.
 
-    Lines at which the measurement is exactly zero say nothing and are left out. Source: Balmès, "Frequency domain
+    Lines at which either is exactly zero (an accelerance at 0 Hz) say nothing and are left out. Source: Balmès, "Frequency domain
     identification of structural dynamics using the pole/residue parametrization", IMAC (1996), logarithmic cost.
     """
-    kept = pairs & (measured != 0)
+    kept = pairs & (measured != 0) & (model != 0)
     reference = torch.where(kept, measured, 1.0)
     difference = torch.where(kept, (model / reference).abs(), 1.0).log()
-    return (difference.square().sum((-3, -2, -1)) / kept.sum()).sqrt()
+    return (difference.square().sum((-3, -2, -1)) / kept.sum((-3, -2, -1))).sqrt()
 
 
 def natural_frequency_error(

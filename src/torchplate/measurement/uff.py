@@ -123,7 +123,7 @@ def _open(path: Path) -> tuple[Any, Units, dict[int, Point], list[str]]:
         dataset = _read(file, index, path)
         columns = (dataset["node_nums"], dataset["x"], dataset["y"], dataset["z"])
         for node, x, y, z in zip(*columns, strict=True):
-            places[int(node)] = (x / units.length, y / units.length, z / units.length)
+            places[int(node)] = (float(x) / units.length, float(y) / units.length, float(z) / units.length)
     return file, units, places, notes
 
 

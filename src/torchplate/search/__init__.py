@@ -5,7 +5,7 @@
 - `differential_evolution` (the ten classic variants), with `mutation`, `crossover`, `bounds` and `draws`, its parts;
   `jde`, `sade`, `l_shade`: those that set F, CR, strategy or population size themselves.
 - `artificial_bee_colony`: employed bees, onlookers, scouts.
-- `least_squares`, with `jacobian` and `least_squares_outcome`: Levenberg-Marquardt with bounds, many starts in one batch;
+- `least_squares`, with `jacobian` and `least_squares_outcome`: bounded Levenberg-Marquardt, many starts in one batch;
   not an optimiser of the registry, for it needs residuals.
 
 A new optimiser is one file with a frozen dataclass `class Mine(Optimizer[MineState], name="mine")` and one

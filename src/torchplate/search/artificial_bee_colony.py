@@ -1,9 +1,8 @@
 """Artificial Bee Colony.
 
 Source: Karaboga and Basturk (2007), "A powerful and efficient algorithm for numerical function optimization:
-artificial bee colony (ABC) algorithm", J. Global Optimization 39, 459-471. Where its text leaves a choice (a
-source is replaced by a strictly better one; a scout leaves when its counter has reached `limit`) the authors'
-published C program of 2009 decides.
+artificial bee colony (ABC) algorithm", J. Global Optimization 39, 459-471. Two choices are ours: a source is
+replaced by a strictly better one only, and a scout leaves when its counter has reached `limit`.
 """
 
 from dataclasses import dataclass
