@@ -193,7 +193,7 @@ class TestObjective:
 
 
 def test_a_line_at_which_the_model_is_exactly_zero_says_nothing_on_the_log_scale():
-    # An accelerance at 0 Hz: the measurement has noise there. By hand, pair 1 has the line 5/5 left, pair 2 2/1 and 1/1.
+    # An accelerance at 0 Hz: the measurement has noise there. By hand, pair 1 has the line 5/5 left, pair 2 2/1, 1/1.
     measure = OBJECTIVES["log_amplitude"]
     assert float(measure.gap(MODEL, MEASURED, BOTH)) == pytest.approx(math.log(2) * math.sqrt(1 / 3), rel=1e-12)
     assert float(measure.gain(MODEL, MEASURED, BOTH)) == pytest.approx(2 ** (-1 / 3), rel=1e-12)

@@ -103,8 +103,9 @@ def log_amplitude(
 ) -> Float[Tensor, "*batch"]:
     """Root mean square of ln |H_model| − ln |H_measured| over lines and FRFs [Np]; peaks and valleys weigh alike.
 
-    Lines at which either is exactly zero (an accelerance at 0 Hz) say nothing and are left out. Source: Balmès, "Frequency domain
-    identification of structural dynamics using the pole/residue parametrization", IMAC (1996), logarithmic cost.
+    Lines at which either is exactly zero (an accelerance at 0 Hz) say nothing and are left out. Source: Balmès,
+    "Frequency domain identification of structural dynamics using the pole/residue parametrization", IMAC (1996),
+    logarithmic cost.
     """
     kept = pairs & (measured != 0) & (model != 0)
     reference = torch.where(kept, measured, 1.0)
