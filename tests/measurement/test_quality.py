@@ -127,3 +127,18 @@ def test_a_straight_line_is_no_noise_on_uneven_lines(make_measurement):
     straight = (0.3 - 0.2j) * torch.from_numpy(lines)[:, None, None] + 4.0j
     # Rounding of float64 leaves parts of 1e-16.
     assert float(line_noise(replace(whole, frf=straight))[0, 0]) < 1e-14
+
+
+def test_an_frf_that_is_not_reciprocal_is_named_with_its_exchange(make_measurement):
+    # 1.3 in one of the two: 0.3 / 1.15 = 26 % apart; 1.1 leaves 10 %, which hammer positions alone explain.
+    (suspicion,) = assess(changed(make_measurement(), 1, 1, 1.3)).suspicions
+    assert (suspicion.label, suspicion.reason) == ("3w/17w", "not reciprocal: 26% away from 17w/3w")
+    assert assess(changed(make_measurement(), 1, 1, 1.1)).suspicions == ()
+
+
+def test_a_phase_that_drifts_at_a_driving_point_is_named(make_measurement):
+    whole = make_measurement()
+    delay = torch.exp(-2j * torch.pi * whole.frequency * 0.25 / whole.frequency.max())
+    (suspicion,) = assess(changed(whole, 0, 1, delay)).suspicions
+    assert suspicion.label == "3w/3w"
+    assert suspicion.reason.startswith("phase? At a driving point ")

@@ -93,17 +93,17 @@ def assess(measurement: Measurement) -> Quality:
     """Run every check that needs no model."""
     m = measurement.to("cpu")
     points = driving_points(m)
-    noise = line_noise(m)
+    noise, exchanged = line_noise(m), reciprocity(m)
     return Quality(
         band=(float(m.frequency[0]), float(m.frequency[-1])),
         step=m.step,
         n_line=len(m.frequency),
         driving_points=points,
-        reciprocity=reciprocity(m),
+        reciprocity=exchanged,
         coherence=coherence_summary(m),
         line_noise={m.pair_label(j, k): float(noise[j, k]) for j, k in m.pairs},
         peaks=tuple(peaks(m)),
-        suspicions=suspicions(m, points),
+        suspicions=suspicions(m, points, exchanged),
     )
 
 
@@ -234,8 +234,10 @@ def peaks(measurement: Measurement, prominence: float = 3.0) -> list[float]:
     return [float(measurement.frequency[int(i)]) for i in index]
 
 
-def suspicions(measurement: Measurement, points: Sequence[DrivingPoint]) -> tuple[Suspicion, ...]:
-    """Name the pairs that look wrong: dead, constant, off in level, much noisier, or of the wrong sign.
+def suspicions(
+    measurement: Measurement, points: Sequence[DrivingPoint], exchanged: Sequence[Reciprocity]
+) -> tuple[Suspicion, ...]:
+    """Name the pairs that look wrong: dead, constant, off in level, noisier, of the wrong sign, or not reciprocal.
 
     Level and noise are held against the median over the pairs, which takes three pairs at least.
     """
@@ -271,4 +273,12 @@ def suspicions(measurement: Measurement, points: Sequence[DrivingPoint]) -> tupl
                     f"wrong sign? At a driving point {point.negative_power:.0%} of the power runs out of the plate",
                 )
             )
+        # A sound point of a noisy test stays below a few per cent; a delay or a drifting phase does not.
+        elif point.negative_power > 0.1:
+            share = f"{point.negative_power:.0%} of the power runs out of the plate"
+            found.append(Suspicion(point.label, f"phase? At a driving point {share}: a delay, or compare amplitudes"))
+    for pair in exchanged:
+        # Hammer positions off by some millimetres and unequal mounting make a tenth or so.
+        if pair.difference > 0.2:
+            found.append(Suspicion(pair.label, f"not reciprocal: {pair.difference:.0%} away from {pair.exchanged}"))
     return tuple(found)
