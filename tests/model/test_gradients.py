@@ -174,7 +174,8 @@ def test_no_gradient_of_5000_random_square_plates_is_nan(plates, cells: int) -> 
 @pytest.mark.parametrize("mesh", [Mesh(0.48, 0.48, 8, 8), Mesh(0.7, 0.4, 9, 6)], ids=["square", "rectangle"])
 def test_a_reduced_basis_has_exact_gradients_too(plates, mesh: Mesh) -> None:
     known = {key: 0.5 * (EVERYTHING[key].low + EVERYTHING[key].high) for key in list(EVERYTHING)[6:]}
-    narrow = {key: EVERYTHING[key] for key in list(EVERYTHING)[:6] if "poisson" not in key}
+    # A wide box of Poisson's ratio would need more members to build from than a test has time for.
+    narrow = {key: EVERYTHING[key] for key in list(EVERYTHING)[:6]} | {"plate.poisson_ratio": Searched(0.295, 0.305)}
     model = plates.build(mesh, known, narrow, response=[3, 14], reference=[8])
     frequency, position = lines(plates, mesh), inside(model, seed=5)
     outcome = reduce(model, frequency)

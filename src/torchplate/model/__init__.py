@@ -5,15 +5,18 @@
 - `frf`: receptances by modal sum, exact for local dashpots, and the direct solve that referees them.
 - `gradient`: their derivatives, exact where natural frequencies repeat too; `impedance`: the algebra below them.
 - `fine_mesh`: one member in sparse matrices, where dense ones would be too large.
-- `reduced_basis`: a small basis for the whole box of the searched parameters, and its error.
+- `reduced_basis`: a small basis for the whole box of the searched parameters.
+- `basis_error`: how wrong it is, measured or estimated, member by member.
+- `shared_modes`: plates that differ by a factor have the same modes, and need no eigenproblem at all.
 - `plate_model`: the torch module that puts them together.
 """
 
-from torchplate.model.fine_mesh import SparseModel
+from torchplate.model.basis_error import basis_error, estimated_error
+from torchplate.model.fine_mesh import DENSE, SparseModel
 from torchplate.model.modes import Modes
 from torchplate.model.parameter_space import ParameterSpace, Searched
 from torchplate.model.plate_model import PlateModel, Point
-from torchplate.model.reduced_basis import DENSE, basis_error, reduce
+from torchplate.model.reduced_basis import reduce
 
 __all__ = [
     "DENSE",
@@ -24,5 +27,6 @@ __all__ = [
     "Searched",
     "SparseModel",
     "basis_error",
+    "estimated_error",
     "reduce",
 ]

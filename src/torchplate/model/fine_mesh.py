@@ -3,6 +3,7 @@
 The eigensolver is ARPACK by shift-invert, the direct solves are SuperLU, both through scipy.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from torch import Tensor
 from torchplate.model.modes import Modes
 from torchplate.model.plate_model import PlateModel
 
+# Beyond so many dofs the full model is never solved densely: modes by sparse shift-invert, checks by sparse solves.
+DENSE = 1000
 # Shift below zero [rad²/s²]: a free plate's K is singular, K + shift M is not. About 5 Hz.
 SHIFT = 1e3
 
@@ -50,7 +53,7 @@ class SparseModel:
             count = max(n_mode + 2, 20)
             while True:
                 count = min(count, n - 2)
-                inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=self._solve, dtype=np.float64)
+                inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=self.solve, dtype=np.float64)
                 start = np.random.default_rng(0).standard_normal(n)
                 value, shape = scipy.sparse.linalg.eigsh(
                     self.stiffness, count, self.mass, sigma=-SHIFT, OPinv=inverse, v0=start, tol=1e-12
@@ -66,7 +69,7 @@ class SparseModel:
     def residual(self, shape: Float[Tensor, "n n_mode"], forces: Float[Tensor, "n_row n"]) -> Float[Tensor, "n n_row"]:
         """What static forces move beyond the given modes: (K + shift M)⁻¹ f, made M-orthogonal to the modes."""
         modes = shape.double().cpu().numpy()
-        moved = self._solve(forces.double().cpu().numpy().T.copy())
+        moved = self.solve(forces.double().cpu().numpy().T.copy())
         moved = moved - modes @ (modes.T @ (self.mass @ moved))
         return torch.from_numpy(moved).to(shape)
 
@@ -76,22 +79,35 @@ class SparseModel:
 
     def frf(self, frequency: Float[Tensor, " n_frequency"]) -> Complex[Tensor, "n_frequency n_response n_reference"]:
         """The model's FRFs by one sparse solve of the dynamic stiffness at each line."""
-        return self.model.observed(self.theta, self.plan, frequency, self._receptance)
+        return self.observed(frequency, self._receptance)
 
-    def _receptance(self, laplace: Tensor, response: Tensor, reference: Tensor) -> Tensor:
-        beta, eta, a, b = (float(value) for value in self.model.assembly.proportional(self.plan.damping))
-        left, right = (rows.double().cpu().numpy() for rows in (response, reference))
-        lines = []
-        for s in laplace.tolist():
-            impedance = self.stiffness * (1 + 1j * beta + s * b) + self.mass * (1j * eta + s * a + s**2)
-            impedance = impedance + s * self.viscous
-            if self.hysteretic is not None:
-                impedance = impedance + 1j * self.hysteretic
-            solved = scipy.sparse.linalg.splu(impedance.tocsc()).solve(right.T.astype(complex))
-            lines.append(left @ solved)
-        return torch.from_numpy(np.stack(lines)).to(laplace)
+    def observed(
+        self, frequency: Float[Tensor, " n_frequency"], solve: Callable[[Tensor, Tensor, Tensor], Tensor]
+    ) -> Complex[Tensor, "n_frequency n_response n_reference"]:
+        """The model's FRFs from any way to solve for receptances; see `PlateModel.observed`."""
+        return self.model.observed(self.theta, self.plan, frequency, solve)
 
-    def _solve(self, right: np.ndarray) -> np.ndarray:
+    def impedance_parts(
+        self, laplace: Complex[Tensor, " n_frequency"]
+    ) -> tuple[list[scipy.sparse.csr_array], np.ndarray]:
+        """Matrices, and what each is times at every s [n_part, n_frequency], so that their sum is Z(s) [N/m]."""
+        kappa, mu = self.model.assembly.proportional(self.plan.damping).at(laplace)
+        parts, weight = [self.stiffness, self.mass, self.viscous], [kappa, mu, laplace]
+        if self.hysteretic is not None:
+            parts, weight = [*parts, self.hysteretic], [*weight, torch.full_like(laplace, 1j)]
+        return parts, torch.stack(weight).numpy()
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """(K + shift M)⁻¹ times columns; the factors are kept."""
         if self._factor is None:
             self._factor = scipy.sparse.linalg.splu((self.stiffness + SHIFT * self.mass).tocsc())
         return self._factor.solve(right)
+
+    def _receptance(self, laplace: Tensor, response: Tensor, reference: Tensor) -> Tensor:
+        left, right = (rows.double().cpu().numpy() for rows in (response, reference))
+        parts, weight = self.impedance_parts(laplace)
+        lines = []
+        for line in weight.T:
+            impedance = sum(w * part for part, w in zip(parts, line, strict=True))
+            lines.append(left @ scipy.sparse.linalg.splu(impedance.tocsc()).solve(right.T.astype(complex)))
+        return torch.from_numpy(np.stack(lines)).to(laplace)

@@ -128,7 +128,7 @@ def as_kind(
     s = chain.laplace[..., None, None]
     if kind == "transmissibility":
         return chain.factor * (1 - s**2 * value)
-    return chain.factor * s ** DERIVATIVE[kind] * value
+    return (chain.factor * s ** DERIVATIVE[kind]) * value
 
 
 def lines_at_once(memory: int, n_member: int, left: Tensor, right: Tensor, system: System) -> int:

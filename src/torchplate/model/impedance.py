@@ -67,12 +67,6 @@ def solve(z: Impedance, weight: Tensor, rows: Tensor) -> Tensor:
     return times(weight, rows) * torch.complex(real * scale, -imaginary * scale)[..., None, :]
 
 
-def coefficients(z: Impedance) -> tuple[Tensor, Tensor]:
-    """What A and B are times at each line: κ = 1 + iβ + sb and μ = iη + sa + s²."""
-    beta, eta, a, b = (value[..., None] for value in z.proportional)  # type: ignore[index]
-    return 1 + 1j * beta + z.laplace * b, 1j * eta + z.laplace * a + z.laplace**2
-
-
 def adjoint_gradient(z: Impedance, adjoint: Tensor, moved: Tensor, needed: Any) -> list[Tensor | None]:
     """Gradients of −Re Σ wᵀ Z x over all lines and rows, in the order of `Impedance`.
 
@@ -84,7 +78,7 @@ def adjoint_gradient(z: Impedance, adjoint: Tensor, moved: Tensor, needed: Any) 
     """
     grad: dict[str, Tensor | None] = dict.fromkeys(Impedance._fields)
     need = dict(zip(Impedance._fields, needed, strict=True))
-    kappa, mu = coefficients(z)
+    kappa, mu = z.proportional.at(z.laplace)
     s = z.laplace
     for name, weight in (("stiffness", kappa), ("mass", mu), ("hysteretic", torch.full_like(s, 1j))):
         if need[name]:
@@ -118,7 +112,7 @@ def adjoint_gradient(z: Impedance, adjoint: Tensor, moved: Tensor, needed: Any) 
 def change_times(z: Impedance, tangents: Any, moved: Tensor) -> Tensor:
     """Rows dZ x for the change of every part of the impedance; None is no change."""
     change = dict(zip(Impedance._fields, tangents, strict=True))
-    kappa, mu = coefficients(z)
+    kappa, mu = z.proportional.at(z.laplace)
     s = z.laplace
     total = torch.zeros_like(moved)
     for name, weight in (("stiffness", kappa), ("mass", mu), ("hysteretic", torch.full_like(s, 1j))):

@@ -3,7 +3,6 @@
 import copy
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 import torch
 from jaxtyping import Complex, Float
@@ -14,18 +13,11 @@ from torchplate.model.frf import KINDS, as_kind, direct_receptance, joined, lapl
 from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
 from torchplate.model.parameter_space import ParameterSpace, Searched
-from torchplate.plate import Assembly, Geometry, Local, Mesh, Proportional, Section, System
+from torchplate.model.shared_modes import SharedModes
+from torchplate.plate import Assembly, Geometry, Mesh, Plan, System
 
 Point = int | Sequence[float]
-
-
-class Plan(NamedTuple):
-    """Everything the effects say of one batch of members, before any matrix is built."""
-
-    section: Section
-    geometry: Geometry
-    terms: list[Local]
-    damping: list[Proportional]
+Points = Sequence[Point] | Float[Tensor, "n_point 2"]
 
 
 class PlateModel(nn.Module):
@@ -93,6 +85,7 @@ class PlateModel(nn.Module):
         self.space = ParameterSpace(names, [everything[k].unit for k in names], [searched[k] for k in names])
         self.register_buffer("known", torch.tensor(values, dtype=torch.float64))
         self.assembly = Assembly(mesh)
+        self.shared_modes: SharedModes | None = None
         # Made now, because what is first made inside a torch.func transform belongs to that transform.
         for name, member in vars(Mesh).items():
             if isinstance(member, functools.cached_property):
@@ -114,11 +107,19 @@ class PlateModel(nn.Module):
             f"effects={list(self.effects)}, searched={list(self.names)}, n_dof={self.assembly.size}, kind={self.kind}"
         )
 
-    def projected(self, basis: Float[Tensor, "n_free n_basis"]) -> "PlateModel":
-        """The same model with all matrices projected on a basis over the free dofs; see `reduced_basis`."""
+    def projected(
+        self, basis: Float[Tensor, "n_free n_basis"], shared_modes: SharedModes | None = None
+    ) -> "PlateModel":
+        """The same model with all matrices projected on a basis over the free dofs; see `reduced_basis`.
+
+        Args:
+            basis: its columns.
+            shared_modes: of all members, if they have any; the columns are then these modes.
+        """
         twin = copy.copy(self)
         twin._modules = dict(self._modules)
         twin.assembly = Assembly(self.mesh, basis.cpu()).to(basis)
+        twin.shared_modes = shared_modes
         return twin
 
     def values(self, theta: Float[Tensor, "*batch n_parameter"]) -> dict[str, dict[str, Tensor]]:
@@ -197,8 +198,8 @@ class PlateModel(nn.Module):
         self,
         theta: Float[Tensor, "*batch n_parameter"],
         frequency: Float[Tensor, "n_frequency"],
-        response: Sequence[Point] | None = None,
-        reference: Sequence[Point] | None = None,
+        response: Points | None = None,
+        reference: Points | None = None,
         kind: str | None = None,
         decay: float = 0.0,
     ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
@@ -207,7 +208,8 @@ class PlateModel(nn.Module):
         Args:
             theta: searched parameters in SI units, in the order of `names`.
             frequency: lines [Hz], ≥ 0.
-            response: node labels or relative places (x, y); left out, those of the measurement.
+            response: node labels or relative places (x, y); left out, those of the measurement. A tensor of places
+                [n_point, 2] has a gradient.
             reference: likewise; a transmissibility has none.
             kind: receptance [m/N], mobility [m/(N s)], accelerance [m/(N s²)] or transmissibility [-]; left out, that
                 of the measurement.
@@ -222,7 +224,7 @@ class PlateModel(nn.Module):
         return joined(parts, 0).reshape(*theta.shape[:-1], *parts[0].shape[1:])
 
     def _points(
-        self, response: Sequence[Point] | None, reference: Sequence[Point] | None, kind: str | None
+        self, response: Points | None, reference: Points | None, kind: str | None
     ) -> tuple[Tensor, Tensor | None, str]:
         kind = kind or self.kind
         if kind not in KINDS:
@@ -243,6 +245,10 @@ class PlateModel(nn.Module):
         self, theta: Tensor, laplace: Tensor, response: Tensor, reference: Tensor | None, kind: str
     ) -> Complex[Tensor, "n_member n_frequency n_response n_reference"]:
         plan = self.plan(theta)
+        if self.shared_modes is not None:
+            of_plan = functools.partial(self.shared_modes.receptance, self.assembly, plan)
+            whole = self._observed(theta, plan, laplace, (response, reference, kind), of_plan)
+            return whole.expand(len(theta), *whole.shape[-3:])
         system = self.assembly.system(*plan)
         modes = frozen_modes(system.stiffness, system.mass)
 
@@ -263,8 +269,8 @@ class PlateModel(nn.Module):
         self,
         theta: Float[Tensor, "*batch n_parameter"],
         frequency: Float[Tensor, "n_frequency"],
-        response: Sequence[Point] | None = None,
-        reference: Sequence[Point] | None = None,
+        response: Points | None = None,
+        reference: Points | None = None,
         kind: str | None = None,
         decay: float = 0.0,
     ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:

@@ -7,15 +7,16 @@ and mass (residual flexibility: MacNeal, Computers & Structures 1 (1971) 581; sa
 full model, on members that it was not built from; if not, it takes those in, with more modes, and is measured again.
 """
 
-from collections.abc import Sequence
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
+from torchplate.model import fine_mesh
+from torchplate.model.basis_error import basis_error, estimated_error
 from torchplate.model.fine_mesh import SparseModel
 from torchplate.model.plate_model import PlateModel
+from torchplate.model.shared_modes import find_shared_modes
 
 # Modes up to this multiple of the band's end are kept, round by round; higher ones act through their static residual.
 MARGIN = (2.0, 3.0, 4.5)
@@ -23,11 +24,9 @@ MARGIN = (2.0, 3.0, 4.5)
 CLUSTER = 1e-2
 # Directions with less than this part of the largest column are rounding, or say nothing new.
 INDEPENDENT = 1e-11
+# Members compared with the full model in each round, and members whose error is estimated once these are right.
 N_CHECKED = 4
-# Beyond so many dofs the full model is never solved densely: modes by sparse shift-invert, checks by sparse solves.
-DENSE = 1000
-# Lines at which a fine mesh is checked.
-N_LINE_CHECKED = 8
+N_ESTIMATED = 16
 
 
 @torch.no_grad()
@@ -36,6 +35,7 @@ def reduce(
     frequency: Float[Tensor, " n_frequency"] | None = None,
     n_mode: int = 0,
     tolerance: float = 1e-4,
+    also: Float[Tensor, "n_member n_parameter"] | None = None,
 ) -> tuple[PlateModel, float] | None:
     """The same model in a reduced basis that holds over the whole box, or None where no small basis does.
 
@@ -45,66 +45,58 @@ def reduce(
         n_mode: number of natural frequencies that must be right.
         tolerance: greatest error on members the basis was not built from: of each FRF in relative norm, and of each
             natural frequency relative to itself.
+        also: members that the basis is to hold beside its own choice.
 
     Returns:
-        The reduced model and the greatest error found; None where half the dofs would be needed.
+        The reduced model and the greatest error found; None where half the dofs would be needed, or no basis is as good
+        as the tolerance. Where all members share their modes it holds those: see `shared_modes`.
     """
-    parameters = len(model.names)
-    middle = model.space.to_si(torch.full((1, parameters), 0.5).to(model.known))
-    build = middle
-    probes: Sequence[Tensor] = [middle] * len(MARGIN)
-    if parameters:
-        corners = torch.cat([torch.zeros(1, parameters), torch.ones(1, parameters)]).to(model.known)
-        build = torch.cat([middle, model.space.to_si(corners)])
-        # The engine's first point is the origin: a corner that the basis is built from.
-        points = SobolEngine(parameters).draw(1 + N_CHECKED * len(MARGIN), dtype=torch.float64)[1:]
-        probes = model.space.to_si(points.to(model.known)).split(N_CHECKED)
+    build, probes, more = _members(model)
+    if also is not None:
+        build = torch.cat([build, also])
+    everyone = torch.cat([build, *probes, more])
+    if frequency is not None and not n_mode and model.assembly.size <= fine_mesh.DENSE:
+        # Shared modes are not solved for again: then all of them cost as little as a few.
+        whole = _sharing(model, model, everyone)
+        if whole is not None and (error := basis_error(model, whole, probes[0], frequency)) <= tolerance:
+            return whole, error
     for margin, probe in zip(MARGIN, probes, strict=True):
         basis = _basis(model, build, frequency, n_mode, margin)
         if basis.shape[-1] > model.assembly.size // 2:
             return None
         reduced = model.projected(basis)
+        if frequency is not None:
+            reduced = _sharing(model, reduced, everyone) or reduced
         error = basis_error(model, reduced, probe, frequency, n_mode)
+        if frequency is not None and error <= tolerance:
+            error = max(error, float(estimated_error(model, reduced, more, frequency).max()))
         if error <= tolerance:
             return reduced, error
-        if parameters:
-            build = torch.cat([build, probe])
+        build = torch.cat([build, probe])
     return None
 
 
-@torch.no_grad()
-def basis_error(
-    model: PlateModel,
-    reduced: PlateModel,
-    theta: Float[Tensor, "n_member n_parameter"],
-    frequency: Float[Tensor, " n_frequency"] | None = None,
-    n_mode: int = 0,
-) -> float:
-    """Greatest error of the reduced model: of FRFs in relative norm, of natural frequencies relative to themselves.
+def _members(model: PlateModel) -> tuple[Tensor, list[Tensor], Tensor]:
+    """Members to build from, the middle of the box first; to be checked, round by round; and to be estimated."""
+    parameters = len(model.names)
+    middle = model.space.to_si(torch.full((1, parameters), 0.5).to(model.known))
+    if not parameters:
+        return middle, [middle] * len(MARGIN), middle
+    corners = torch.cat([torch.zeros(1, parameters), torch.ones(1, parameters)]).to(model.known)
+    # The engine's first point is the origin: a corner that the basis is built from.
+    points = SobolEngine(parameters).draw(1 + N_CHECKED * len(MARGIN) + N_ESTIMATED, dtype=torch.float64)[1:]
+    members = model.space.to_si(points.to(model.known))
+    build = torch.cat([middle, model.space.to_si(corners)])
+    return build, list(members[:-N_ESTIMATED].split(N_CHECKED)), members[-N_ESTIMATED:]
 
-    On a mesh of more than `DENSE` dofs the FRFs are compared at `N_LINE_CHECKED` lines over the band.
-    """
-    errors = [0.0]
-    fine = model.assembly.size > DENSE
-    if frequency is not None:
-        if fine:
-            index = torch.linspace(0, len(frequency) - 1, min(N_LINE_CHECKED, len(frequency))).round().long()
-            frequency = frequency[index.to(frequency.device)]
-            full = torch.stack([SparseModel(model, member).frf(frequency) for member in theta])
-        else:
-            full = model.frf(theta, frequency)
-        small = reduced.frf(theta, frequency)
-        errors.append(float(((small - full).norm(dim=-3) / full.norm(dim=-3)).max()))
-    if n_mode:
-        if fine:
-            full = torch.stack([SparseModel(model, member).modes(n_mode).frequency[:n_mode] for member in theta])
-        else:
-            full = model.natural_frequencies(theta, n_mode)
-        small = reduced.natural_frequencies(theta, n_mode)
-        # Rigid-body modes of a free plate are zero up to rounding; they are held to the first frequency that is not.
-        floor = full[full > 1e-3 * full.max()].min()
-        errors.append(float(((small - full).abs() / full.clamp(min=float(floor))).max()))
-    return max(errors)
+
+def _sharing(model: PlateModel, start: PlateModel, members: Tensor) -> PlateModel | None:
+    """The model in the modes that all members share, found in the basis of `start`; None where they share none."""
+    found = find_shared_modes(start.assembly, model.plan(members[0]), model.plan(members))
+    if found is None:
+        return None
+    turn, shared = found
+    return model.projected(turn if start.assembly.basis is None else start.assembly.basis @ turn, shared)
 
 
 def _basis(
@@ -117,7 +109,7 @@ def _basis(
     for member in theta:
         sparse = SparseModel(model, member)
         first = first or sparse
-        modes = sparse.modes(int(margin * n_mode) if n_mode else 1, top, dense=model.assembly.size <= DENSE)
+        modes = sparse.modes(int(margin * n_mode) if n_mode else 1, top, dense=model.assembly.size <= fine_mesh.DENSE)
         count = max(int((modes.frequency <= top).sum()), min(len(modes.eigenvalue), int(margin * n_mode)))
         value = modes.eigenvalue
         while count < len(value) and value[count] - value[count - 1] < CLUSTER * value[count]:

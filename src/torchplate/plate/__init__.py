@@ -3,12 +3,12 @@
 - `mesh`: nodes, elements and dofs of a rectangular grid; shape functions anywhere on the plate.
 - `element`: the 12-dof rectangle of the seed paper (Eq. 6–16).
 - `section`: what each element is made of (Section), how long the plate is (Geometry), what is added at a place
-  (Local), and damping in proportion to the whole model (Proportional).
+  (Local), damping in proportion to the whole model (Proportional), and all of these for one batch (Plan).
 - `assemble`: Section and Local to mass, stiffness and damping, in every dof or in a reduced basis.
 """
 
 from torchplate.plate.assemble import Assembly
 from torchplate.plate.mesh import Mesh
-from torchplate.plate.section import Geometry, Local, Proportional, Section, System
+from torchplate.plate.section import Geometry, Local, Plan, Proportional, Section, System
 
-__all__ = ["Assembly", "Geometry", "Local", "Mesh", "Proportional", "Section", "System"]
+__all__ = ["Assembly", "Geometry", "Local", "Mesh", "Plan", "Proportional", "Section", "System"]

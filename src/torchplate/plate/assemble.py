@@ -53,9 +53,11 @@ class Assembly(nn.Module):
         self.register_buffer("mass_pattern", mass_pattern, persistent=False)
         self.register_buffer("basis", basis, persistent=False)
         self.register_buffer("uniform", None, persistent=False)
-        if basis is not None or 7 * 8 * len(free) ** 2 <= UNIFORM_BYTES:
+        if basis is not None:
+            self.uniform = torch.stack([self._projected(one) for one in (*pattern, mass_pattern)])
+        elif 7 * 8 * len(free) ** 2 <= UNIFORM_BYTES:
             everywhere = torch.cat([pattern, mass_pattern[None]])[:, None].expand(-1, mesh.n_element, -1, -1)
-            self.uniform = self._scatter(everywhere) if basis is None else self._project(everywhere)
+            self.uniform = self._scatter(everywhere)
 
     @property
     def size(self) -> int:
@@ -126,7 +128,7 @@ class Assembly(nn.Module):
                 dashpots.append(row)
                 viscous.append(term.viscous)
         return System(
-            mass, stiffness, _concatenate(dashpots, 2), _concatenate(viscous, 1), hysteretic, self.proportional(damping)
+            mass, stiffness, concatenate(dashpots, 2), concatenate(viscous, 1), hysteretic, self.proportional(damping)
         )
 
     @staticmethod
@@ -184,6 +186,13 @@ class Assembly(nn.Module):
         flat = flat.index_add(-1, self.index, matrices.flatten(-3))
         return flat.unflatten(-1, (size, size))[..., :-1, :-1]
 
+    def _projected(self, pattern: Float[Tensor, "12 12"]) -> Float[Tensor, "n n"]:
+        """One pattern in every element, in the basis: through a sparse matrix, on meshes of any size."""
+        assert self.basis is not None
+        basis = self.basis.double().cpu().numpy()
+        found = basis.T @ (self._sparse(torch.ones(1, 1).to(pattern), pattern[None]) @ basis)
+        return torch.from_numpy(found).to(self.basis)
+
     def _project(self, matrices: Float[Tensor, "*batch n_element 12 12"]) -> Float[Tensor, "*batch n n"]:
         assert self.basis is not None
         padded = torch.cat([self.basis, self.basis.new_zeros(1, self.size)])
@@ -191,7 +200,7 @@ class Assembly(nn.Module):
         return (local.mT @ (matrices @ local)).sum(-3)
 
 
-def _concatenate(parts: Sequence[Tensor], n_last: int) -> Tensor:
-    """Along the first of the last dimensions, whatever batch each part has."""
+def concatenate(parts: Sequence[Tensor], n_last: int) -> Tensor:
+    """Parts put together along the first of their last `n_last` dimensions, whatever batch each has."""
     batch = torch.broadcast_shapes(*(part.shape[:-n_last] for part in parts))
     return torch.cat([part.expand(*batch, *part.shape[-n_last:]) for part in parts], dim=-n_last)

@@ -102,12 +102,19 @@ class Mesh:
         x, y = ((torch.arange(n, dtype=torch.float64) + 0.5) / n for n in self.cells)
         return torch.cartesian_prod(y, x).flip(-1)
 
-    def places(self, points: Sequence[int | Sequence[float]]) -> Float[Tensor, "n_point 2"]:
+    def places(
+        self, points: Sequence[int | Sequence[float]] | Float[Tensor, "n_point 2"]
+    ) -> Float[Tensor, "n_point 2"]:
         """Relative places (x/Lx, y/Ly) [-] of points, each a node label or already a relative place.
+
+        A tensor of relative places passes as it is, its gradient too; whether it lies on the plate is not checked,
+        because torch.func does not let its values decide anything.
 
         Raises:
             ValueError: if a label is not on the n_x × n_y grid, or a place is not on the plate.
         """
+        if isinstance(points, Tensor):
+            return points
         found = []
         for point in points:
             if isinstance(point, int):

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 
 
@@ -76,6 +76,22 @@ class Proportional(NamedTuple):
     mass_loss_factor: Float[Tensor, "*batch"] | float = 0.0
     mass_coefficient: Float[Tensor, "*batch"] | float = 0.0
     stiffness_coefficient: Float[Tensor, "*batch"] | float = 0.0
+
+    def at(
+        self, laplace: Complex[Tensor, "*#batch n_frequency"]
+    ) -> tuple[Complex[Tensor, "*#batch n_frequency"], Complex[Tensor, "*#batch n_frequency"]]:
+        """What K and M are times at each s: κ = 1 + iβ + sb and μ = iη + sa + s²."""
+        beta, eta, a, b = (value[..., None] if isinstance(value, Tensor) else value for value in self)
+        return 1 + 1j * beta + laplace * b, 1j * eta + laplace * a + laplace**2
+
+
+class Plan(NamedTuple):
+    """Everything the effects say of a batch of members, before any matrix is built."""
+
+    section: Section
+    geometry: Geometry
+    terms: list[Local]
+    damping: list[Proportional]
 
 
 class System(NamedTuple):
