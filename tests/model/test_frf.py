@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torchplate.model import PlateModel
+from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
 place = st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
@@ -223,6 +223,18 @@ def test_mobility_and_accelerance_are_derivatives_of_receptance(plates) -> None:
     torch.testing.assert_close(found["accelerance"], -(omega**2) * found["receptance"], rtol=1e-12, atol=0)
     direct = model.frf_direct(plates.nothing, frequency, [8, 2], [5], kind="accelerance")
     torch.testing.assert_close(found["accelerance"], direct, rtol=1e-7, atol=0)
+
+
+def test_a_model_on_another_device_has_the_same_frfs(plates, relative_error, device) -> None:
+    mesh = Mesh(0.7, 0.4, 5, 3)
+    model = plates.build(mesh, plates.damping_of_every_kind(mesh), {"wires.stiffness": Searched(2e3, 4e3)})
+    theta = torch.tensor([[2.3e3], [3.6e3]], dtype=torch.float64)
+    frequency = lines(plates, mesh, "aluminium", 0.003)
+    expected = model.frf_direct(theta, frequency, [8, 2], [5])
+    found = model.to(device).frf(theta.to(device), frequency.to(device), [8, 2], [5])
+    assert found.device.type == device.type
+    # Rounding of the eigenproblem times its condition, as for the modal sum above.
+    assert relative_error(found.cpu(), expected) < 1e-7
 
 
 def test_a_supported_plate_at_rest_has_its_static_flexibility(plates) -> None:

@@ -177,3 +177,13 @@ def test_a_mesh_that_cannot_be_says_what_to_mend(change: dict, message: str) -> 
 def test_a_point_off_the_plate_is_refused(point: int | tuple[float, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         RECTANGLE.places([1, point])
+
+
+def test_a_tensor_of_places_passes_with_its_gradient() -> None:
+    place = torch.tensor([(0.31, 0.2), (0.84, 0.77)], dtype=torch.float64, requires_grad=True)
+    assert RECTANGLE.places(place) is place
+    value = RECTANGLE.deflection_at(RECTANGLE.places(place)) @ dofs_of(RECTANGLE)
+    (slope,) = torch.autograd.grad(value.sum(), place)
+    (expected,) = torch.autograd.grad(cubic(place).sum(), place)
+    # The element holds this cubic exactly, so rounding is all that parts the two.
+    torch.testing.assert_close(slope, expected, rtol=0, atol=1e-11)

@@ -5,8 +5,8 @@ With mass-normalised modes of (K, M) and damping in proportion to both, Z(s) is 
     d_r(s) = ω_r² (1 + iβ + sb) + iη + sa + s²,
 
 so α_jk = Σ_r φ_jr φ_kr / d_r (seed paper, Eq. 19–20; Ewins, Modal Testing, section 2.4). Dashpots at places make it
-d + s Uᵀ C U, and the Woodbury identity puts them in exactly: α = R_jk − R_ju (1 + s C R_uu)⁻¹ s C R_uk, where R is the
-modal sum without them. s = iω on the frequency axis; s = iω + σ for a record windowed by exp(−σt).
+d + s Uᵀ C U; they are attached one after the other, exactly: see `modal_sum`. s = iω on the frequency axis; s = iω + σ
+for a record windowed by exp(−σt).
 """
 
 from collections.abc import Sequence
@@ -16,12 +16,11 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.effects import SensorChain
+from torchplate.model.modal_sum import CACHED, N_FEATURE, attach, modal_sum, terms_first
 from torchplate.plate import Proportional, System
 
 KINDS = ("receptance", "mobility", "accelerance", "transmissibility")
 DERIVATIVE = {"receptance": 0, "mobility": 1, "accelerance": 2}
-# Numbers of an array [member, line, mode] that a CPU's cache holds beside what is made of them.
-CACHED = 2**18
 # Fewer lines at once do not pay for the [member, mode, mode] gradients that each part of the lines adds up.
 ADJOINT_LINES = 32
 
@@ -85,15 +84,15 @@ def receptance(
     """
     if hysteretic is not None:
         return _solve_modal(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, hysteretic)
-    n_response, n_reference = response.shape[-2], reference.shape[-2]
-    if dashpot.shape[-2] == 0:
-        return modal_receptance(eigenvalue, proportional, laplace, response, reference)
-    left, right = stack_rows(response, dashpot), stack_rows(reference, dashpot)
-    whole = modal_receptance(eigenvalue, proportional, laplace, left, right)
-    gain = laplace[..., None, None] * viscous[..., None, :, None]
-    coupled = torch.eye(dashpot.shape[-2]).to(whole) + gain * whole[..., n_response:, n_reference:]
-    correction = torch.linalg.solve(coupled, gain * whole[..., n_response:, :n_reference])
-    return whole[..., :n_response, :n_reference] - whole[..., :n_response, n_reference:] @ correction
+    kappa, mu = proportional.at(laplace)
+    flexibility = 1 / kappa
+    shape = torch.broadcast_shapes(
+        eigenvalue.shape[:-1], response.shape[:-2], reference.shape[:-2], viscous.shape[:-1], kappa.shape[:-1]
+    )
+    z = (-mu * flexibility).expand(*shape, laplace.shape[-1])
+    found = modal_sum(eigenvalue, stack_rows(dashpot, response), stack_rows(dashpot, reference), z)
+    force = terms_first(viscous, len(shape)) * (laplace * flexibility)
+    return (attach(found, force) * flexibility).movedim((0, 1), (-2, -1))
 
 
 def direct_receptance(
@@ -138,11 +137,11 @@ def lines_at_once(memory: int, n_member: int, left: Tensor, right: Tensor, syste
     numbers = 6 * n_mode + 6 * pairs
     if system.hysteretic is not None:
         numbers += 6 * n_mode**2
-    cached = CACHED // (n_member * n_mode)
+    cached = CACHED // (n_member * N_FEATURE)
     if torch.is_grad_enabled():
         n_solved = 2 * min(left.shape[-2], right.shape[-2])
         numbers += 10 * n_solved * n_mode
-        cached = max(ADJOINT_LINES, cached // n_solved)
+        cached = max(ADJOINT_LINES, CACHED // (n_member * n_mode * n_solved))
     fitting = memory // (n_member * left.element_size() * numbers)
     return max(1, min(fitting, cached) if left.device.type == "cpu" else fitting)
 

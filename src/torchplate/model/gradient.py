@@ -175,7 +175,9 @@ class _Receptance(Function):
     @staticmethod
     def forward(left: Tensor, right: Tensor, *inputs: Tensor | None) -> Tensor:
         z = Impedance(*inputs)  # type: ignore[arg-type]
-        return receptance(z.eigenvalue, z.proportional, z.laplace, left, right, z.dashpot, z.viscous, z.hysteretic)
+        found = receptance(z.eigenvalue, z.proportional, z.laplace, left, right, z.dashpot, z.viscous, z.hysteretic)
+        # Not a view of anything: forward mode through views of views fails inside torch.
+        return found.clone(memory_format=torch.contiguous_format)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: Any, output: Any) -> None:

@@ -118,7 +118,9 @@ class PlateModel(nn.Module):
         """
         twin = copy.copy(self)
         twin._modules = dict(self._modules)
-        twin.assembly = Assembly(self.mesh, basis.cpu()).to(basis)
+        section = self.plan(self.space.to_si(torch.full((len(self.names),), 0.5).to(self.known))).section
+        by_element = any(part is not None and part.shape[-1] > 1 for part in section)
+        twin.assembly = Assembly(self.mesh, basis.cpu(), by_element).to(basis)
         twin.shared_modes = shared_modes
         return twin
 

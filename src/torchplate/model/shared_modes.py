@@ -6,16 +6,8 @@ eigenvectors of such plates are those of the nominal one. With damping in propor
     Z(s) = eκ (K₀ − z M₀) + Uᵀ D U,    z = −mμ / eκ,    κ = 1 + iβ + sb, μ = iη + sa + s²,
 
 so all plates at all lines read one and the same function G(z) = Σ φφᵀ / (λ − z) of one complex number, and no `eigh` is
-needed. Springs, dashpots and masses at places (D, a few rows U) are attached to it one after the other,
-
-    G ← G − g u D / (1 + g_uu D) gᵀ,    g = G u,
-
-(Sherman and Morrison, Annals of Mathematical Statistics 21 (1950) 124; in dynamics the receptance coupling of Bishop
-and Johnson, The Mechanics of Vibration, 1960). The nominal springs and masses are already in K₀ and M₀.
-
-For a block of lines, the modes near it are summed one by one. All others together vary slowly with z there, and each is
-a Chebyshev series that is known in closed form: 1 / (a − t) = 2 / √(a² − 1) · Σ' ρ⁻ᵏ T_k(t), ρ = a + √(a² − 1)
-(Mason and Handscomb, Chebyshev Polynomials, 2003, section 5.2). So most modes cost nothing for each line.
+needed: see `modal_sum`. Springs, dashpots and masses at places (D, a few rows U) are attached to it; the nominal ones
+are already in K₀ and M₀.
 
 Everything here is a smooth formula of theta in plain torch operations: its derivatives of any order are torch's own.
 """
@@ -27,21 +19,15 @@ from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
 from torchplate.model.frf import joined, stack_rows
+from torchplate.model.modal_sum import CACHED, CLOSE, N_FEATURE, attach, modal_sum, terms_first
 from torchplate.model.modes import solve_modes
 from torchplate.plate import Assembly, Plan
 from torchplate.plate.assemble import concatenate
 
-# A mode is far from a block of lines if its ρ is at least RHO: N_TERM terms then leave RHO^−N_TERM, 6e-8, of what it
-# adds to the FRF. The series is for z near the real axis: damping widens the block by WIDENED times its Im z.
-RHO = 4.0
-N_TERM = 12
-WIDENED = 8.0
 # Attaching terms one after the other costs the square of their number; with more, one `eigh` each is cheaper.
 MOST_TERMS = 12
 # Coefficients of members agree to rounding, or they are not multiples of the nominal ones.
 ALIKE = 1e-12
-# Numbers of an array [mode, member, line] that a CPU's cache holds beside what is made of them.
-CACHED = 2**18
 
 
 class Nominal(NamedTuple):
@@ -68,8 +54,7 @@ class Attached(NamedTuple):
         total = z.new_zeros(self.row.shape[-2], *(1,) * z.ndim)
         for value, weight in zip(self[1:], (-z, None, rate), strict=True):
             if value is not None:
-                # [n_term, *batch, 1], also where all members have the same value.
-                own = value.expand(*(1,) * (z.ndim - value.ndim), *value.shape).movedim(-1, 0)[..., None]
+                own = terms_first(value, z.ndim - 1)
                 total = total + (own if weight is None else own * weight)
         return total
 
@@ -124,22 +109,14 @@ class SharedModes(nn.Module):
         damping = assembly.proportional(plan.damping)
         attached = self._attached(assembly, plan, e, m)
         sides = [stack_rows(attached.row, side) for side in (left, right)]
-        pairs = (sides[0][..., :, None, :] * sides[1][..., None, :, :]).flatten(-3, -2)
-        shape = sides[0].shape[-2], sides[1].shape[-2]
         parts = []
-        for s in laplace.split(self._lines_at_once(e.numel()), dim=-1):
+        for s in laplace.split(max(1, CACHED // (N_FEATURE * e.numel())), dim=-1):
             kappa, mu = damping.at(s)
             flexibility = 1 / (e[..., None] * kappa)
             z = -m[..., None] * mu * flexibility
-            found = self._green(z, pairs).unflatten(0, shape)
-            for force in attached.stiffness(z, s * flexibility):
-                column, row = found[1:, :1], found[:1, 1:] * (force / (1 + force * found[0, 0]))
-                found = torch.addcmul(found[1:, 1:], column, row, value=-1)
-            parts.append(found * flexibility)
+            found = modal_sum(self.eigenvalue, sides[0], sides[1], z, CLOSE)
+            parts.append(attach(found, attached.stiffness(z, s * flexibility)) * flexibility)
         return joined(parts, -1).movedim((0, 1), (-2, -1))
-
-    def _lines_at_once(self, n_member: int) -> int:
-        return max(1, CACHED // (n_member * len(self.eigenvalue)))
 
     def _attached(self, assembly: Assembly, plan: Plan, e: Tensor, m: Tensor) -> Attached:
         """All terms; a mass over m and a spring over e, so that what M₀ and K₀ hold of them is the same for all."""
@@ -155,64 +132,6 @@ class SharedModes(nn.Module):
         used = [any(term[kind] is not None for term in plan.terms) for kind in (1, 2, 3)]
         together = [concatenate(total, 1) if some else None for total, some in zip(values, used, strict=True)]
         return Attached(concatenate(rows, 2), *together)
-
-    def _green(
-        self, z: Complex[Tensor, "*batch n_frequency"], pairs: Float[Tensor, "*#batch n_pair n"]
-    ) -> Complex[Tensor, "n_pair *batch n_frequency"]:
-        """Σ pair / (λ − z): one real product where all members have the same rows."""
-        x, y, count = z.real.flatten(), z.imag.flatten(), len(self.eigenvalue)
-        disc = _disc(z)
-        first, last = (0, count) if disc is None else self._near(*disc)
-        apart = self.eigenvalue[first:last, None] - x
-        scale = 1 / torch.addcmul(y * y, apart, apart)
-        features, weight = torch.complex(apart * scale, y * scale), pairs[..., first:last]
-        if disc is not None and last - first < count:
-            centre, half = disc
-            beyond = torch.cat([pairs[..., :first], pairs[..., last:]], dim=-1)
-            eigenvalue = torch.cat([self.eigenvalue[:first], self.eigenvalue[last:]])
-            weight = torch.cat([weight, beyond @ chebyshev_series((eigenvalue - centre) / half) / half], dim=-1)
-            features = torch.cat([features, *(row[None] for row in chebyshev_values((z.flatten() - centre) / half))])
-        # Complex numbers are pairs of real ones in memory: one real product serves both parts.
-        flat = torch.view_as_real(features)
-        if weight.ndim == 2:
-            product = (weight @ flat.flatten(1)).unflatten(-1, (*z.shape, 2))
-        else:
-            apart_members = flat.unflatten(1, z.shape).movedim(0, -3)
-            product = (weight @ apart_members.flatten(-2)).unflatten(-1, (-1, 2)).movedim(-3, 0)
-        return torch.view_as_complex(product.contiguous())
-
-    def _near(self, centre: float, half: float) -> tuple[int, int]:
-        """The modes, first and beyond the last, that have to be summed one by one."""
-        reach = 0.5 * (RHO + 1 / RHO) * half
-        ends = self.eigenvalue.new_tensor([centre - reach, centre + reach])
-        first, last = torch.searchsorted(self.eigenvalue, ends).tolist()
-        return first, last
-
-
-def _disc(z: Complex[Tensor, "*batch n"]) -> tuple[float, float] | None:
-    """Centre and half width of the stretch of the real axis that z is near to; None under `vmap`: nobody may look."""
-    try:
-        x, y = z.detach().real, z.detach().imag
-        low, high, off = float(x.amin()), float(x.amax()), float(y.abs().amax())
-    except RuntimeError:
-        return None
-    return 0.5 * (low + high), max(0.5 * (high - low), WIDENED * off, 1e-3 * abs(high))
-
-
-def chebyshev_series(a: Float[Tensor, " n"]) -> Float[Tensor, "n n_term"]:
-    """Coefficients of 1 / (a − t) in T_k(t), |a| > 1."""
-    root = (a * a - 1).sqrt()
-    order = torch.arange(N_TERM).to(a)
-    series = (a.sign() / (a.abs() + root))[:, None] ** order * (2 * a.sign() / root)[:, None]
-    return torch.where(order == 0, 0.5 * series, series)
-
-
-def chebyshev_values(t: Complex[Tensor, " n"]) -> list[Complex[Tensor, " n"]]:
-    """T_0 … T_(N_TERM − 1) at t, by their recurrence."""
-    values, twice = [torch.ones_like(t), t], 2 * t
-    while len(values) < N_TERM:
-        values.append(twice * values[-1] - values[-2])
-    return values
 
 
 def _coefficients(assembly: Assembly, plan: Plan) -> tuple[Tensor, Tensor]:

@@ -16,7 +16,7 @@ from torchplate.plate import element
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Geometry, Local, Proportional, Section, System
 
-# Fixed matrices of a uniform plate are kept up to this size; beyond it every assembly scatters.
+# Fixed matrices, of a uniform plate or of projected elements, are kept up to this size; beyond it they are made anew.
 UNIFORM_BYTES = 256 * 2**20
 
 
@@ -26,6 +26,7 @@ class Assembly(nn.Module):
     Args:
         mesh: the mesh.
         basis: columns over the free dofs; with it, all results are those of the projection basisᵀ (·) basis.
+        by_element: whether elements will differ. Each is then projected once, where that fits.
     """
 
     index: Tensor
@@ -34,9 +35,12 @@ class Assembly(nn.Module):
     pattern: Tensor
     mass_pattern: Tensor
     uniform: Tensor | None
+    elements: Tensor | None
     basis: Tensor | None
 
-    def __init__(self, mesh: Mesh, basis: Float[Tensor, "n_free n_basis"] | None = None) -> None:
+    def __init__(
+        self, mesh: Mesh, basis: Float[Tensor, "n_free n_basis"] | None = None, by_element: bool = False
+    ) -> None:
         super().__init__()
         self.mesh = mesh
         dof = mesh.element_dof
@@ -53,8 +57,13 @@ class Assembly(nn.Module):
         self.register_buffer("mass_pattern", mass_pattern, persistent=False)
         self.register_buffer("basis", basis, persistent=False)
         self.register_buffer("uniform", None, persistent=False)
+        self.register_buffer("elements", None, persistent=False)
         if basis is not None:
             self.uniform = torch.stack([self._projected(one) for one in (*pattern, mass_pattern)])
+            if by_element and 7 * 8 * mesh.n_element * basis.shape[-1] ** 2 <= UNIFORM_BYTES:
+                rows = self._element_rows()
+                patterns = torch.cat([pattern, mass_pattern[None]])[:, None].to(rows)
+                self.elements = rows.mT @ (patterns @ rows)
         elif 7 * 8 * len(free) ** 2 <= UNIFORM_BYTES:
             everywhere = torch.cat([pattern, mass_pattern[None]])[:, None].expand(-1, mesh.n_element, -1, -1)
             self.uniform = self._scatter(everywhere)
@@ -177,6 +186,9 @@ class Assembly(nn.Module):
             flat = self.uniform[which].flatten(1)
             return (coefficient[..., 0, :] @ flat).unflatten(-1, (self.size, self.size))
         coefficient = coefficient.expand(*coefficient.shape[:-2], self.mesh.n_element, coefficient.shape[-1])
+        if self.elements is not None:
+            flat = self.elements[which].transpose(0, 1).flatten(0, 1).flatten(1)
+            return (coefficient.flatten(-2) @ flat).unflatten(-1, (self.size, self.size))
         matrices = torch.einsum("...ek,kpq->...epq", coefficient, pattern)
         return self._scatter(matrices) if self.basis is None else self._project(matrices)
 
@@ -194,10 +206,14 @@ class Assembly(nn.Module):
         return torch.from_numpy(found).to(self.basis)
 
     def _project(self, matrices: Float[Tensor, "*batch n_element 12 12"]) -> Float[Tensor, "*batch n n"]:
+        rows = self._element_rows()
+        # All elements in one product, so that no matrix of the basis' size is made for each of them.
+        return rows.flatten(0, 1).mT @ (matrices @ rows).flatten(-3, -2)
+
+    def _element_rows(self) -> Float[Tensor, "n_element 12 n"]:
+        """The basis at the dofs of each element; zero where they are held."""
         assert self.basis is not None
-        padded = torch.cat([self.basis, self.basis.new_zeros(1, self.size)])
-        local = padded[self.position]
-        return (local.mT @ (matrices @ local)).sum(-3)
+        return torch.cat([self.basis, self.basis.new_zeros(1, self.size)])[self.position]
 
 
 def concatenate(parts: Sequence[Tensor], n_last: int) -> Tensor:

@@ -1,0 +1,132 @@
+"""The sum over modes, and what is attached to it.
+
+With damping in proportion to K and M, Z(s) = κ (K − z M), z = −μ/κ, and the receptance is 1/κ times
+
+    G(z) = Σ_r φ_r φ_rᵀ / (λ_r − z),
+
+a function of one complex number near the real axis. For a block of lines, the modes near it are summed one by one. All
+others together vary slowly with z there, and each is a Chebyshev series that is known in closed form:
+1 / (a − t) = 2 / √(a² − 1) · Σ' ρ⁻ᵏ T_k(t), ρ = a + √(a² − 1) (Mason and Handscomb, Chebyshev Polynomials, 2003,
+section 5.2). So most modes cost nothing for each line, and none is left out.
+
+Springs, dashpots and masses at places, of dynamic stiffness D, are attached one after the other,
+
+    G ← G − g D / (1 + g_uu D) gᵀ,    g = G u,
+
+(Sherman and Morrison, Annals of Mathematical Statistics 21 (1950) 124; in dynamics the receptance coupling of Bishop
+and Johnson, The Mechanics of Vibration, 1960).
+
+Arrays are [n_row, n_column, *batch, n_frequency] here: every step is then one operation on long rows of lines.
+"""
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+# A mode is far from a block of lines if its ρ is at least RHO: n terms of the series then leave RHO^−n of what it adds
+# to the FRF. The series is for z near the real axis: damping widens the block by WIDENED times its Im z.
+RHO = 4.0
+WIDENED = 8.0
+# Terms that leave 2e-10, and 1e-6.
+EXACT, CLOSE = 16, 10
+# Numbers of an array [feature, member, line] that a CPU's cache holds beside what is made of them, and features (modes
+# near a block of lines, and terms of the series) that there usually are.
+CACHED = 2**18
+N_FEATURE = 32
+
+
+def modal_sum(
+    eigenvalue: Float[Tensor, "*#batch n"],
+    left: Float[Tensor, "*#batch n_left n"],
+    right: Float[Tensor, "*#batch n_right n"],
+    z: Complex[Tensor, "*batch n_frequency"],
+    n_term: int = EXACT,
+) -> Complex[Tensor, "n_left n_right *batch n_frequency"]:
+    """Σ left right / (λ − z), one real matrix product.
+
+    Args:
+        eigenvalue: λ, lowest first [rad²/s²].
+        left: modal deflections of the rows [1/√kg].
+        right: of the columns.
+        z: −μ/κ [rad²/s²].
+        n_term: terms of the series.
+    """
+    n, disc = eigenvalue.shape[-1], _disc(eigenvalue, z)
+    first, last = (0, n) if disc is None else _near(eigenvalue.detach(), *disc)
+    pairs = (left[..., :, None, :] * right[..., None, :, :]).flatten(-3, -2)
+    # Where all members have the same modes and rows, they are one long row of lines.
+    alike = eigenvalue.ndim == 1 and pairs.ndim == 2
+    row = z.reshape(-1) if alike else z
+    apart = eigenvalue[..., first:last, None] - row.real[..., None, :]
+    y = row.imag[..., None, :]
+    scale = 1 / torch.addcmul(y * y, apart, apart)
+    features, weight = torch.complex(apart * scale, y * scale), pairs[..., first:last]
+    if disc is not None and last - first < n:
+        centre, half = disc
+        far = [torch.cat([part[..., :first], part[..., last:]], dim=-1) for part in (eigenvalue, pairs)]
+        series = far[1] @ chebyshev_series((far[0] - centre) / half, n_term) / half
+        weight = torch.cat([weight.expand(*series.shape[:-1], -1), series], dim=-1)
+        slow = torch.stack(chebyshev_values((row - centre) / half, n_term), dim=-2)
+        features = torch.cat([features, slow], dim=-2)
+    # Complex numbers are pairs of real ones in memory: one real product serves both parts.
+    found = torch.view_as_complex((weight @ torch.view_as_real(features).flatten(-2)).unflatten(-1, (-1, 2)))
+    shape = (left.shape[-2], right.shape[-2])
+    return found.unflatten(-1, z.shape).unflatten(0, shape) if alike else found.movedim(-2, 0).unflatten(0, shape)
+
+
+def attach(
+    found: Complex[Tensor, "n_left n_right *batch n_frequency"],
+    stiffness: Complex[Tensor, "n_term *#batch n_frequency"],
+) -> Complex[Tensor, "n_response n_reference *batch n_frequency"]:
+    """G with terms attached, their rows left out.
+
+    Args:
+        found: G between the terms, then the responses; and the terms, then the references.
+        stiffness: D of each term, in the units of 1 / G.
+    """
+    for force in stiffness:
+        column, row = found[1:, :1], found[:1, 1:] * (force / (1 + force * found[0, 0]))
+        found = torch.addcmul(found[1:, 1:], column, row, value=-1)
+    return found
+
+
+def terms_first(value: Float[Tensor, "*batch n_term"], n_batch: int) -> Float[Tensor, "n_term *more 1"]:
+    """Coefficients of terms as `attach` takes them, also where all members of the batch have the same ones."""
+    return value.expand(*(1,) * (n_batch + 1 - value.ndim), *value.shape).movedim(-1, 0)[..., None]
+
+
+def chebyshev_series(a: Float[Tensor, "*batch n"], n_term: int) -> Float[Tensor, "*batch n n_term"]:
+    """Coefficients of 1 / (a − t) in T_k(t), |a| > 1."""
+    root = (a * a - 1).sqrt()
+    order = torch.arange(n_term, device=a.device)
+    series = (a.sign() / (a.abs() + root))[..., None] ** order * (2 * a.sign() / root)[..., None]
+    return torch.where(order == 0, 0.5 * series, series)
+
+
+def chebyshev_values(t: Complex[Tensor, "*batch"], n_term: int) -> list[Complex[Tensor, "*batch"]]:
+    """T_0 … T_(n_term − 1) at t, by their recurrence."""
+    values, twice = [torch.ones_like(t), t], 2 * t
+    while len(values) < n_term:
+        values.append(twice * values[-1] - values[-2])
+    return values
+
+
+def _near(eigenvalue: Tensor, centre: float, half: float) -> tuple[int, int]:
+    """The modes, first and beyond the last, that have to be summed one by one for some member."""
+    reach = 0.5 * (RHO + 1 / RHO) * half
+    below, within = (eigenvalue < centre - reach).sum(-1), (eigenvalue <= centre + reach).sum(-1)
+    return int(below.min()), int(within.max())
+
+
+def _disc(eigenvalue: Tensor, z: Tensor) -> tuple[float, float] | None:
+    """Centre and half width of the stretch of the real axis that z is near to.
+
+    None under `vmap`, where nobody may look: every mode is then summed one by one.
+    """
+    try:
+        x, y, highest = z.detach().real, z.detach().imag, float(eigenvalue.detach().amax())
+        low, high, off = float(x.amin()), float(x.amax()), float(y.abs().amax())
+    except RuntimeError:
+        return None
+    # A single line has no width of its own.
+    return 0.5 * (low + high), max(0.5 * (high - low), WIDENED * off, 1e-3 * abs(high), 1e-9 * highest)
