@@ -22,7 +22,7 @@ def test_the_python_runs(monkeypatch):
     scope: dict[str, object] = {}
     for block in blocks("python"):
         exec(block, scope)
-    assert scope["H"].shape == (8, 80, 1, 2)
+    assert scope["H"].shape == (2, 80, 1, 2)
     assert scope["H"].dtype == torch.complex128
     assert torch.isfinite(scope["gradient"]).all()
     assert float(scope["outcome"].best_objective) < 1e-3

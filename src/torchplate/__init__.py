@@ -7,6 +7,7 @@
 - `search`: minimise on the unit cube; knows nothing of plates.
 - `discrepancy`: the gap between the two.
 - `cli`: YAML in, `runs/` out.
+- `examples`: the FRF embedded in torch, to copy from; nothing here imports them.
 
 The names below are public:
 

@@ -242,6 +242,15 @@ class TestResume:
         outcome = command("run", path, "--resume", "--out", bench.folder / "out")
         assert_refused(outcome, "plate.yaml", "--resume", "checkpoint.pt")
 
+    def test_from_another_kind_of_device_is_refused(self, bench, make_config, command):
+        bench.run(["plate.youngs_modulus"], {"search.n_generation": 1})
+        stored = bench.folder / "out" / "checkpoint.pt"
+        # A CUDA generator's state is 16 bytes.
+        torch.save(torch.load(stored) | {"generator": torch.zeros(16, dtype=torch.uint8)}, stored)
+        path = bench.write(make_config(["plate.youngs_modulus"]))
+        outcome = command("run", path, "--resume", "--out", bench.folder / "out")
+        assert_refused(outcome, "plate.yaml", "--resume", "--device")
+
 
 def test_a_run_into_a_file_is_refused(bench, make_config, command):
     path = bench.write(make_config())
@@ -312,7 +321,7 @@ def test_ctrl_c_says_how_to_go_on(bench, make_config, command, monkeypatch):
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("torchplate.cli.run.minimize", lambda *_, **__: stopped())
+    monkeypatch.setattr("torchplate.cli.population.minimize", lambda *_, **__: stopped())
     status, _, stderr = command("run", bench.write(make_config(["plate.youngs_modulus"])), "--out", bench.folder / "o")
     assert status == 130
     assert "--resume" in stderr

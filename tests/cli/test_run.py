@@ -413,6 +413,17 @@ def mesh(edges):
     return {"length_x": 0.41, "length_y": 0.29, "n_x": 3, "n_y": 2, "edges": edges}
 
 
+def test_a_run_on_any_device_finds_the_truth_and_goes_on(bench, make_config, truth, device):
+    path = bench.write(make_config(["plate.youngs_modulus"], {"search.basis": "auto", "search.polish": True}))
+    for n_generation in (3, 15):
+        overrides = [f"search.n_generation={n_generation}"]
+        found = run(path, bench.folder / "out", overrides, device=str(device), resume=n_generation > 3)
+    value = found.result["parameters"]["plate.youngs_modulus"]["value"]
+    # The search's own error: see the case of a free plate.
+    assert value == pytest.approx(truth["plate.youngs_modulus"], rel=1e-3)
+    assert (found.folder / "frf.png").is_file()
+
+
 def test_a_run_on_an_impossible_device_is_refused(bench):
     with pytest.raises(InputError, match="--device"):
         run(bench.folder / "truth.yaml", bench.folder / "out", device="abacus")

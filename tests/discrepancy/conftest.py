@@ -37,13 +37,28 @@ class Bench:
         return PlateModel(Mesh(*sides, 3, 2), effects, known, boxes, [4, 7], [1, 6], "accelerance")
 
     @staticmethod
+    def fine_model(searched: Sequence[str]) -> PlateModel:
+        """Four by three elements, well damped, one sensor and two forces."""
+        known = KNOWN | {name: truth for name, (truth, _) in BOX.items() if name not in searched}
+        boxes = {name: Searched(*BOX[name][1]) for name in searched}
+        effects = {"plate": Plate(), "wires": SupportSpring(nodes=(2, 9, 18)), "loss": HystereticDamping()}
+        return PlateModel(Mesh(0.5, 0.32, 4, 3), effects, known, boxes, [4], [1, 18], "accelerance")
+
+    @staticmethod
     def truth(model: PlateModel) -> torch.Tensor:
         return torch.tensor([BOX[name][0] for name in model.names], dtype=torch.float64)
 
     @staticmethod
-    def measurement(model: PlateModel, theta: torch.Tensor, noise: float = 0.0, seed: int = 0) -> Measurement:
+    def measurement(
+        model: PlateModel,
+        theta: torch.Tensor,
+        noise: float = 0.0,
+        seed: int = 0,
+        frequency: torch.Tensor | None = None,
+    ) -> Measurement:
         """Its FRFs with white noise, `noise` times each FRF's rms in real and imaginary part alike."""
-        frequency = torch.linspace(6.0, 330.0, 82, dtype=torch.float64)
+        if frequency is None:
+            frequency = torch.linspace(6.0, 330.0, 82, dtype=torch.float64)
         frf = model.frf(theta, frequency)
         generator = torch.Generator().manual_seed(seed)
         white = torch.complex(*torch.randn(2, *frf.shape, generator=generator, dtype=torch.float64))
@@ -51,9 +66,9 @@ class Bench:
         return Measurement(
             frequency=frequency,
             frf=frf,
-            measured=torch.ones(2, 2, dtype=torch.bool),
-            response=(Channel(4), Channel(7)),
-            reference=(Channel(1), Channel(6)),
+            measured=torch.ones(frf.shape[1:], dtype=torch.bool),
+            response=tuple(Channel(node) for node in model.response),
+            reference=tuple(Channel(node) for node in model.reference),
             kind="accelerance",
             unit=SI_UNIT["accelerance"],
         )

@@ -201,7 +201,8 @@ def test_a_reduced_basis_gives_the_projection_of_the_full_matrices(n_element: in
     full, geometry = Assembly(mesh), geometry_of(mesh)
     basis = torch.randn(full.size, 7, generator=torch.Generator().manual_seed(15), dtype=torch.float64)
     reduced = Assembly(mesh, basis, by_element)
-    assert reduced.size == 7 and (reduced.elements is not None) == by_element
+    assert reduced.size == 7
+    assert (reduced.elements is not None) == by_element
     rigidity, areal_mass = random_rigidity(2, n_element, seed=16), random_areal_mass(2, n_element, seed=17)
     rows = mesh.deflection_at(mesh.places([8, (0.33, 0.6)]))
     for found, expected in (

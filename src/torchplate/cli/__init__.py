@@ -3,6 +3,8 @@
 - `config`: the YAML file and its errors (the only file with yaml and pydantic).
 - `build`: from a config to model, evidence and optimiser.
 - `run`, `compare`, `simulate`, `inspect`: the verbs.
+- `population`, `ranks`: the search of a run as one job; the processes of torchrun that share it.
+- `basis`: the basis a run searches in, confirmed at the best member.
 - `folder`: where a run is written and what it is resumed from.
 - `result`, `report`, `figures`, `log`: result.json, report.md, the figures, and what goes to TensorBoard as it happens.
 - `main_job`, `paper`: what `make run` and `make paper` do.

@@ -1,137 +1,168 @@
-"""`torchplate bench`: one generation of the paper's problem, by this package and by SciPy one candidate at a time.
+"""`torchplate bench`: every figure of speed in one run; a table, `bench.json` and the figure of the slopes.
 
-All in one run, the median of repeats: only the ratios mean something, since machines are noisy.
+Only ratios mean something, since machines are noisy. Each part runs in a process of its own with the threads it names;
+what SciPy takes is the better of one thread and all.
 """
 
 import json
-import statistics
-import time
-from collections.abc import Callable
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import scipy.linalg
+import matplotlib
 import torch
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
-from torch import Tensor
 
-from torchplate.effects import HystereticDamping, Plate, SupportSpring
-from torchplate.model import PlateModel, Searched, reduce
-from torchplate.model.modes import solve_modes
-from torchplate.plate import Mesh
+from torchplate.bench.generation import generation, memory
+from torchplate.bench.gradient import gradient
+from torchplate.bench.identification import identification
+from torchplate.bench.slopes import slopes
 
-N_MEMBER = 32
-LINES = torch.arange(1, 801, dtype=torch.float64) * 0.5
-RESPONSE, REFERENCE = [3], [28, 102, 104, 33, 61, 118]
-# Lines at which every way is compared with a direct solve of the dynamic stiffness.
-N_CHECKED = 25
+PARTS: dict[str, Callable[[], Any]] = {
+    "generation": generation,
+    "identification": identification,
+    "gradient": gradient,
+    "slopes": slopes,
+    "memory": memory,
+}
 
 
-def bench(out: Path | None = None, n_repeat: int = 5, console: Console | None = None) -> dict[str, Any]:
-    """Time, print and write `bench.json`.
+def bench(out: Path | None = None, parts: Sequence[str] = (), console: Console | None = None) -> dict[str, Any]:
+    """Time, print and write `bench.json` and `slopes.png`.
 
     Args:
-        out: the folder for bench.json; `runs/bench` if left out.
-        n_repeat: repeats, of which the median counts.
-        console: where the table goes.
+        out: the folder; `runs/bench` if left out.
+        parts: of PARTS; all if left out.
+        console: where the tables go.
     """
-    console = console or Console()
-    model = paper_model()
-    generator = torch.Generator().manual_seed(0)
-    theta = model.space.to_si(torch.rand(N_MEMBER, len(model.names), dtype=torch.float64, generator=generator))
-    small = reduce(model, LINES)
-    assert small is not None, "the paper's problem has a reduced basis"
-    with torch.no_grad():
-        system = model.system(theta)
-        ways: dict[str, Callable[[], Any]] = {
-            "SciPy, one candidate at a time": lambda: scipy_generation(model, theta),
-            "torchplate, all modes, one eigh": lambda: model.frf(theta, LINES),
-            "torchplate, reduced basis, one eigh": lambda: small[0].frf(theta, LINES),
-            "modes alone: scipy.linalg.eigh one by one": lambda: scipy_modes(system.stiffness, system.mass),
-            "modes alone: one torch.linalg.eigh": lambda: solve_modes(system.stiffness, system.mass),
-        }
-        seconds = _interleaved(ways, n_repeat)
-        checked = LINES[:: len(LINES) // N_CHECKED]
-        direct = model.frf_direct(theta, checked)
-        errors = {}
-        for name, way in list(ways.items())[:3]:
-            frf = way()[:, :: len(LINES) // N_CHECKED]
-            errors[name] = float(((frf - direct).norm(dim=1) / direct.norm(dim=1)).max())
-    names = list(ways)
-    ratio = {name: seconds[names[0 if index < 3 else 3]] / seconds[name] for index, name in enumerate(names)}
-    result = {
-        "schema": "torchplate.bench/1",
-        "problem": f"{N_MEMBER} members, {len(REFERENCE)} FRFs, {len(LINES)} lines, {model.assembly.size} dofs",
-        "n_thread": torch.get_num_threads(),
-        "versions": {name: version(name) for name in ("torch", "scipy", "numpy")},
-        "rows": [
-            {"name": name, "seconds": seconds[name], "ratio": ratio[name], "error": errors.get(name)} for name in names
-        ],
-    }
-    table = Table("one generation", "seconds", "times as fast", "error against direct solves", box=None, padding=(0, 2))
-    for name in names:
-        error = f"{errors[name]:.0e}" if name in errors else ""
-        table.add_row(name, f"{seconds[name]:.3f}", f"{ratio[name]:.1f}", error)
-    console.print(f"{result['problem']}; {result['n_thread']} threads, median of {n_repeat}")
-    console.print(table)
-    out = out or Path("runs/bench")
+    console, out = console or Console(), out or Path("runs/bench")
     out.mkdir(parents=True, exist_ok=True)
+    n_core = os.cpu_count() or 1
+    result: dict[str, Any] = {
+        "schema": "torchplate.bench/2",
+        "versions": {name: version(name) for name in ("torch", "scipy", "numpy")},
+        "n_core": n_core,
+    }
+    for part in parts or PARTS:
+        for n_thread in sorted({1, n_core}) if part in ("generation", "identification") else [1]:
+            console.print(f"[bold]{part}[/], {n_thread} thread{'s' * (n_thread > 1)}")
+            found = _in_own_process(part, n_thread)
+            result.setdefault(part, {})[str(n_thread)] = found
+            SHOWN[part](found, console)
+    _say_best(result, console)
     (out / "bench.json").write_text(json.dumps(result, indent=1) + "\n")
+    if "slopes" in result:
+        slopes_figure(result["slopes"]["1"]).savefig(out / "slopes.png", dpi=110)
     console.print(f"Written: {out / 'bench.json'}", soft_wrap=True)
     return result
 
 
-def paper_model() -> PlateModel:
-    """Tables 1 and 3 of the paper."""
-    known = {"plate.poisson_ratio": 0.3, "plate.density": 7860.0, "plate.thickness": 0.0027}
-    searched = {
-        "plate.youngs_modulus": Searched(150e9, 260e9),
-        "wires.stiffness": Searched(700.0, 2000.0),
-        "wires.viscous_damping": Searched(0.2, 1.5),
-        "loss.stiffness_loss_factor": Searched(9e-8, 9e-3),
-    }
-    effects = {"plate": Plate(), "wires": SupportSpring(nodes=(2, 10, 112, 120)), "loss": HystereticDamping()}
-    return PlateModel(Mesh(0.48, 0.48, 10, 10), effects, known, searched, RESPONSE, REFERENCE, "accelerance")
+def slopes_figure(found: Mapping[str, Any]) -> Figure:
+    """Seconds of one evaluation against mesh, members, lines and FRFs, four panels."""
+    figure = Figure(figsize=(11, 3), layout="constrained")
+    for axes, (axis, key) in zip(
+        figure.subplots(1, 4, sharey=True),
+        (("mesh", "dofs"), ("members", "members"), ("lines", "lines"), ("FRFs", "FRFs")),
+        strict=True,
+    ):
+        for name, marker in (("SciPy", "s"), ("reduced basis", "^"), ("shared modes", "o")):
+            rows = [row for row in found[axis] if name in row]
+            axes.loglog([row[key] for row in rows], [row[name] for row in rows], marker=marker, label=name)
+        axes.set_xlabel({"mesh": "dofs of the mesh"}.get(axis, axis))
+        axes.grid(alpha=0.3)
+    figure.axes[0].set_ylabel("seconds for one evaluation")
+    figure.axes[0].legend(frameon=False)
+    return figure
 
 
-def scipy_modes(stiffness: Tensor, mass: Tensor) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Modes of every candidate, one after the other."""
-    shared = mass.numpy()
-    return [scipy.linalg.eigh(matrix, shared) for matrix in stiffness.numpy()]
+def _in_own_process(part: str, n_thread: int) -> Any:
+    environment = os.environ | dict.fromkeys(
+        ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), str(n_thread)
+    )
+    command = [sys.executable, "-m", "torchplate.cli.bench", part]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"Expected the bench's part '{part}' to end, got:\n{done.stderr}")
+    return json.loads(done.stdout.splitlines()[-1])
 
 
-def scipy_generation(model: PlateModel, theta: Tensor) -> Tensor:
-    """The same accelerances as a script with NumPy and SciPy would make them: candidate by candidate, in complex."""
-    rows = model.assembly.rows(model.mesh.deflection_at(model.mesh.places([*RESPONSE, *REFERENCE]))).numpy()
-    omega = 2 * np.pi * LINES.numpy()
-    found = []
-    for member in theta:
-        system = model.system(member)
-        value, shape = scipy.linalg.eigh(system.stiffness.numpy(), system.mass.numpy())
-        beta = float(system.proportional.stiffness_loss_factor)
-        inverse = 1 / (value * (1 + 1j * beta) - omega[:, None] ** 2)
-        read, hit, tied = rows[:1] @ shape, rows[1:] @ shape, system.dashpot.numpy() @ shape
-        left, right = np.vstack([read, tied]), np.vstack([hit, tied])
-        whole = (left[None] * inverse[:, None, :]) @ right.T
-        gain = 1j * omega[:, None, None] * system.viscous.numpy()[:, None]
-        coupled = np.eye(len(tied)) + gain * whole[:, 1:, len(hit) :]
-        correction = np.linalg.solve(coupled, gain * whole[:, 1:, : len(hit)])
-        receptance = whole[:, :1, : len(hit)] - whole[:, :1, len(hit) :] @ correction
-        found.append(-(omega[:, None, None] ** 2) * receptance)
-    return torch.from_numpy(np.stack(found))
+def _say_best(result: Mapping[str, Any], console: Console) -> None:
+    """The ratios that compare with the faster of the peers."""
+    for part, ours in (("generation", "torchplate, shared modes"), ("identification", "torchplate, DE")):
+        runs = result.get(part, {})
+        peers = [row["seconds"] for run in runs.values() for row in run["rows"] if row["name"].startswith("SciPy")]
+        for n_thread, run in runs.items():
+            (own,) = [row["seconds"] for row in run["rows"] if row["name"] == ours]
+            console.print(f"{part}: {ours}, {n_thread} thread(s), against SciPy at its best: {min(peers) / own:.0f} x")
 
 
-def _interleaved(ways: dict[str, Callable[[], Any]], n_repeat: int) -> dict[str, float]:
-    """Median seconds of each way; they take turns, so that a slow spell of the machine hits all alike."""
-    times: dict[str, list[float]] = {name: [] for name in ways}
-    for turn in range(n_repeat + 1):
-        for name, way in ways.items():
-            began = time.perf_counter()
-            way()
-            # The first turn warms up.
-            if turn:
-                times[name].append(time.perf_counter() - began)
-    return {name: statistics.median(values) for name, values in times.items()}
+def _show_generation(found: Mapping[str, Any], console: Console) -> None:
+    console.print(f"  {found['problem']}")
+    table = Table("", "seconds", "times as fast", "error against direct solves", box=None, padding=(0, 2))
+    for row in found["rows"]:
+        table.add_row(row["name"], f"{row['seconds']:.4f}", f"{row['ratio']:.1f}", f"{row['error']:.0e}")
+    for name, taken in found["modes_alone_s"].items():
+        table.add_row(f"modes alone: {name}", f"{taken:.4f}", "", "")
+    for name, taken in found["where_the_time_goes_s"].items():
+        table.add_row(name, f"{taken:.4f}", "", "")
+    console.print(table)
+    for name, rate in found["machine"].items():
+        console.print(f"  this machine: {name} {rate:.0f}")
+
+
+def _show_identification(found: Mapping[str, Any], console: Console) -> None:
+    table = Table("", "seconds", "times as fast", "evaluations", "over the best", box=None, padding=(0, 2))
+    for row in found["rows"]:
+        numbers = (
+            f"{row['seconds']:.2f}",
+            f"{row['ratio']:.0f}",
+            str(row["n_evaluation"]),
+            f"{100 * row['over_best']:.3f} %",
+        )
+        table.add_row(row["name"], *numbers)
+    console.print(table)
+
+
+def _show_gradient(found: Sequence[Mapping[str, Any]], console: Console) -> None:
+    table = Table("", "members", "FRFs", "evaluation [s]", "backward, in evaluations", box=None, padding=(0, 2))
+    for row in found:
+        numbers = f"{row['forward_s']:.4f}", f"{row['backward_over_forward']:.2f}"
+        table.add_row(row["way"], str(row["n_member"]), row["frfs"], *numbers)
+    console.print(table)
+
+
+def _show_slopes(found: Mapping[str, Any], console: Console) -> None:
+    for axis in ("mesh", "members", "lines", "FRFs"):
+        names = list(dict.fromkeys(name for row in found[axis] for name in row))
+        table = Table(*names, box=None, padding=(0, 1))
+        for row in found[axis]:
+            table.add_row(*(f"{row[name]:.3g}" if name in row else "" for name in names))
+        console.print(table)
+
+
+def _show_memory(found: Mapping[str, Any], console: Console) -> None:
+    console.print(
+        f"  {found['n_member']} members: at most {found['peak_gib']:.2f} GiB in the whole process, "
+        f"{found['before_gib']:.2f} GiB before, {found['result_gib']:.2f} GiB the FRFs themselves"
+    )
+
+
+SHOWN: dict[str, Callable[[Any, Console], None]] = {
+    "generation": _show_generation,
+    "identification": _show_identification,
+    "gradient": _show_gradient,
+    "slopes": _show_slopes,
+    "memory": _show_memory,
+}
+
+
+if __name__ == "__main__":
+    matplotlib.use("Agg")
+    torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
+    print(json.dumps(PARTS[sys.argv[1]]()))

@@ -11,9 +11,12 @@ from torchplate.effects import Effect, find_effect, options
 from torchplate.measurement import Measurement, NaturalFrequencies, Placement, place, read_measurement
 from torchplate.model import PlateModel, Point, Searched
 from torchplate.plate import Mesh
-from torchplate.search import Optimizer, optimizer_named
+from torchplate.search import OPTIMIZERS, LeastSquares, Optimizer
+from torchplate.search.optimizer import unknown_name
 
 T = TypeVar("T")
+# Every search by its name in a config: those that ask and tell, and the one that needs residuals.
+SEARCHES: dict[str, type[Any]] = OPTIMIZERS | {LeastSquares.name: LeastSquares}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,12 +105,15 @@ class Run:
         settings = self.config.measurement
         table = None
         if settings.natural_frequencies is not None:
-            numbers = settings.natural_frequencies
-            table = self.told("measurement.natural_frequencies", lambda: NaturalFrequencies.from_mapping(numbers))
+            values = {mode: number.value for mode, number in settings.natural_frequencies.items()}
+            spread = {mode: number.std for mode, number in settings.natural_frequencies.items() if number.std}
+            table = self.told(
+                "measurement.natural_frequencies", lambda: NaturalFrequencies.from_mapping(values, spread)
+            )
         frfs = self.measurement()
         if frfs is None and table is None:
             raise self.error("measurement", "Expected a file or natural_frequencies, got neither. Add one of them.")
-        return Evidence(frfs, table, settings.gain == "unknown")
+        return Evidence(frfs, table, settings.gain == "unknown", settings.n_average)
 
     def objective(self, model: PlateModel) -> Objective:
         """The function of theta that the run minimises."""
@@ -120,19 +126,27 @@ class Run:
                 f"Expected modes up to {model.assembly.size}, as many as the mesh has, got mode "
                 f"{int(table.mode.max())}. Raise mesh.refine, or leave it out.",
             )
-        return Objective(model, evidence, self.config.objective.kind)
+        settings = self.config.objective
+        return self.told(
+            "objective.kind", lambda: Objective(model, evidence, settings.kind, settings.natural_frequency_weight)
+        )
 
-    def optimizer(self) -> Optimizer[Any]:
+    def optimizer(self) -> Optimizer[Any] | LeastSquares:
         """The search's settings."""
         name = self.config.search.optimizer
-        kind = self.told("search.optimizer", lambda: optimizer_named(name))
-        fields = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+        if name not in SEARCHES:
+            raise self.error("search.optimizer", unknown_name("optimizer", name, SEARCHES))
+        kind = SEARCHES[name]
+        fields = [field.name for field in dataclasses.fields(kind)]
         settings = dict(self.config.search.model_extra or {})
         for key in settings:
             if key not in fields:
                 raise self.error(f"search.{key}", unknown_key(key, [*fields, *SearchConfig.model_fields]))
         settings = self.typed("search", kind, settings)
         optimizer = self.told("search", lambda: kind(**settings))
+        if isinstance(optimizer, LeastSquares):
+            self._check_least_squares(optimizer)
+            return optimizer
         budget = self.config.search.n_evaluation
         if budget is not None and budget < optimizer.n_member:
             raise self.error(
@@ -141,6 +155,25 @@ class Run:
                 "it, or lower search.n_member.",
             )
         return optimizer
+
+    def _check_least_squares(self, settings: LeastSquares) -> None:
+        """Whether the keys that all searches share mean something to this one."""
+        search = self.config.search
+        for key in ("target", "tolerance", "stagnation"):
+            if key in search.model_fields_set:
+                raise self.error(
+                    f"search.{key}",
+                    f"Expected it left out with least_squares, whose starts stop one by one, got "
+                    f"{getattr(search, key)}. Take it out; n_generation and n_evaluation limit the search.",
+                )
+        n_dimension = len(self._parts(1)[3])
+        least = settings.n_member * settings.price(n_dimension)
+        if search.n_evaluation is not None and search.n_evaluation < least:
+            raise self.error(
+                "search.n_evaluation",
+                f"Expected at least {least}, for {settings.n_member} starts and their Jacobians, got "
+                f"{search.n_evaluation}. Raise it, or lower search.n_member.",
+            )
 
     def typed(self, key: str, owner: type, settings: Mapping[str, Any]) -> dict[str, Any]:
         """Settings in the types that their dataclass declares."""

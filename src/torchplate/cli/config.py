@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, get_type_hints
+from typing import Any, Literal, get_args, get_type_hints
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator, model_validator
@@ -71,15 +71,25 @@ class MeasurementConfig(_Strict):
     band: tuple[float, float] | None = None
     kind: Literal["receptance", "mobility", "accelerance", "transmissibility"] | None = None
     gain: Literal["known", "unknown"] = "known"
-    natural_frequencies: dict[int, float] | None = None
+    n_average: int | None = Field(default=None, ge=2)
+    natural_frequencies: dict[int, Known] | None = None
     response: list[int | tuple[float, float]] | None = None
     reference: list[int | tuple[float, float]] | None = None
 
+    @field_validator("natural_frequencies", mode="before")
+    @classmethod
+    def _plain_numbers(cls, value: Any) -> Any:
+        """A number stands for {value: number}."""
+        if not isinstance(value, Mapping):
+            return value
+        return {mode: entry if isinstance(entry, Mapping) else {"value": entry} for mode, entry in value.items()}
+
 
 class ObjectiveConfig(_Strict):
-    """How the gap is measured; see `discrepancy.objective`."""
+    """How the gap is measured; see `discrepancy.measure` and `discrepancy.natural_frequency`."""
 
     kind: str = "relative_frf_norm"
+    natural_frequency_weight: float = Field(default=1.0, gt=0)
 
 
 class SearchConfig(BaseModel):
@@ -271,7 +281,12 @@ def _keys_at(root: str, where: Sequence[str]) -> list[str]:
     """Keys that a config, or the part of it with that class name, may have at a place."""
     model: Any = {"Known": Known, "Unknown": Unknown}.get(root, Config)
     for part in where:
-        field = model.model_fields.get(part) if hasattr(model, "model_fields") else None
+        if not hasattr(model, "model_fields"):
+            # An entry of a mapping, or nothing: what the mapping holds.
+            held = [inner for part_of in get_args(model) for inner in get_args(part_of)]
+            model = next((inner for inner in held if hasattr(inner, "model_fields")), None)
+            continue
+        field = model.model_fields.get(part)
         if field is None:
             return []
         model = field.annotation

@@ -57,7 +57,7 @@ def frf_overlay(
             axis.semilogy(
                 line, curve.frf[:, j, k].abs().cpu().numpy(), color=curve.colour, lw=curve.width, label=curve.label
             )
-        left = (curves[-1].frf[:, j, k] - measured[:, j, k]).abs().cpu().numpy()
+        left = (curves[-1].frf[:, j, k].cpu() - measured[:, j, k].cpu()).abs().numpy()
         axis.semilogy(line, left, color=RESIDUAL, lw=0.7, ls=":", label=f"|{curves[-1].label} − measured|")
         positive = truth[truth > 0]
         if len(positive):

@@ -12,7 +12,7 @@ import torch
 
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.config import InputError, dump
-from torchplate.search import Checkpoint
+from torchplate.search import Checkpoint, LeastSquares
 
 PACKAGES = ("torchplate-fem", "torch", "numpy", "scipy", "pyuff", "pydantic", "tensorboard", "matplotlib")
 
@@ -28,8 +28,14 @@ def run_folder(recipe: Run, out: Path | None, resume: bool) -> Path:
     """`out`, else a new folder named by the config and the time, else, to resume, the config's latest.
 
     Raises:
-        InputError: if `out` is a file, or there is no folder to resume.
+        InputError: if `out` is a file, the search keeps no checkpoints, or there is no folder to resume.
     """
+    if resume and isinstance(recipe.optimizer(), LeastSquares):
+        raise recipe.error(
+            "--resume",
+            "Expected a search that keeps checkpoints, got least_squares, which keeps none. Leave --resume out: the "
+            "same seed repeats it from the start.",
+        )
     if out is not None:
         if Path(out).is_file():
             raise InputError(f"--out {out}: Expected a folder, got a file. Name another place.")
@@ -45,17 +51,17 @@ def run_folder(recipe: Run, out: Path | None, resume: bool) -> Path:
     return past[-1]
 
 
-def read_checkpoint(recipe: Run, folder: Path) -> Checkpoint:
-    """The checkpoint of an interrupted run, which this config must be able to go on from.
+def read_checkpoint(recipe: Run, folder: Path, device: torch.device) -> Checkpoint:
+    """The checkpoint of an interrupted run, which this config must be able to go on from on this device.
 
     Raises:
-        InputError: if there is none, it is broken, or it is that of another search.
+        InputError: if there is none, it is broken, or it is that of another search or another kind of device.
     """
     path = folder / "checkpoint.pt"
     if not path.exists():
         raise InputError(f"{recipe.path}: --resume: Expected a checkpoint at {path}, found none. Leave --resume out.")
     try:
-        checkpoint: Checkpoint = torch.load(path, weights_only=True)
+        checkpoint: Checkpoint = torch.load(path, weights_only=True, map_location="cpu")
     except Exception as error:  # whatever torch says of a file that is no checkpoint
         raise recipe.error("--resume", f"Expected a checkpoint in {path}, got another file. Run anew.") from error
     past = load_run(folder / "config.yaml")
@@ -64,6 +70,14 @@ def read_checkpoint(recipe: Run, folder: Path) -> Checkpoint:
             raise recipe.error(
                 f"--resume: {key}", f"Expected the checkpoint's, {before}, got {now}. Set it back, or run anew."
             )
+    try:
+        torch.Generator(device).set_state(checkpoint["generator"])
+    except RuntimeError as error:
+        raise recipe.error(
+            "--resume",
+            f"Expected the kind of device that made {path}, whose random numbers no other one goes on with, got "
+            f"{device.type}. Give it as --device, or run anew.",
+        ) from error
     return checkpoint
 
 
@@ -91,4 +105,5 @@ def _relocated(recipe: Run, folder: Path) -> dict[str, Any]:
 def _versions(device: str) -> dict[str, Any]:
     packages = {name: version(name) for name in PACKAGES}
     machine = {"python": platform.python_version(), "platform": platform.platform(), "device": device}
-    return machine | {"n_thread": torch.get_num_threads()} | packages
+    shared = {"n_thread": torch.get_num_threads(), "n_process": int(os.environ.get("WORLD_SIZE", 1))}
+    return machine | shared | packages

@@ -46,7 +46,7 @@ class RunLog:
         return self.folder / "history.csv"
 
     def generation(self, progress: Progress, theta: Tensor) -> None:
-        """One generation: a row for each independent search, scalars of the best of them, a checkpoint.
+        """One generation: a row for each search, scalars of the best of them, a checkpoint if it can resume.
 
         Args:
             progress: where the searches stand.
@@ -68,7 +68,8 @@ class RunLog:
         self._writer.add_scalar("search/generation", progress.generation, step)
         for name, value in zip(self.names, theta[best].tolist(), strict=True):
             self._writer.add_scalar(f"parameter/{name}", value, step)
-        save_atomically(progress.checkpoint(), self.folder / "checkpoint.pt")
+        if progress.snapshot:
+            save_atomically(progress.checkpoint(), self.folder / "checkpoint.pt")
 
     def scalar(self, tag: str, value: float, step: int) -> None:
         """One more scalar."""

@@ -13,7 +13,8 @@ from torchplate.cli.bench import bench
 from torchplate.cli.compare import compare
 from torchplate.cli.config import InputError
 from torchplate.cli.inspect import inspect
-from torchplate.cli.run import run
+from torchplate.cli.ranks import Ended, join
+from torchplate.cli.run import follow, run
 from torchplate.cli.simulate import simulate
 from torchplate.effects import CATALOGUE, options
 from torchplate.measurement import MeasurementError
@@ -27,8 +28,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (InputError, MeasurementError) as error:
         print(error, file=sys.stderr)
         return 2
+    except Ended as error:
+        print(error, file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
-        print("Stopped. What was computed is in the run's folder; go on with --resume.", file=sys.stderr)
+        print(
+            "Stopped. What was computed is in the run's folder; a population search goes on with --resume.",
+            file=sys.stderr,
+        )
         return 130
     return 0
 
@@ -45,7 +52,7 @@ def _parser() -> argparse.ArgumentParser:
     verb.add_argument(
         "--resume", action="store_true", help="go on from the checkpoint in --out, or in the latest folder"
     )
-    verb.set_defaults(verb=lambda a: run(a.config, a.out, a.set, a.device, a.resume))
+    verb.set_defaults(verb=_run)
 
     verb = verbs.add_parser("simulate", help="a virtual hammer test of a config's model, as an analyser would make it")
     verb.add_argument("config", type=Path, help="YAML file; numbers only")
@@ -70,6 +77,15 @@ def _parser() -> argparse.ArgumentParser:
     verb = verbs.add_parser("effects", help="the catalogue of effects")
     verb.set_defaults(verb=lambda _: effects(Console()))
     return parser
+
+
+def _run(parsed: argparse.Namespace) -> None:
+    """Alone, or as one of the processes that torchrun has started."""
+    with join(parsed.device) as ranks:
+        if ranks is None or ranks.rank == 0:
+            run(parsed.config, parsed.out, parsed.set, parsed.device, parsed.resume, ranks=ranks)
+        else:
+            follow(ranks)
 
 
 def effects(console: Console) -> None:

@@ -71,7 +71,7 @@ def table_5(console: Console) -> None:
     """The model at Table 4's values beside the printed column, mode by mode."""
     model = load_model(CONFIGS / "measured_frequencies.yaml")
     theta = torch.tensor([UPDATED[name] for name in model.names], dtype=torch.float64)
-    measured = load_run(CONFIGS / "measured_frequencies.yaml").config.measurement.natural_frequencies or {}
+    measured = _measured_frequencies()
     found = model.natural_frequencies(theta, max(PRINTED)).tolist()
     table = Table(
         "mode", "printed [Hz]", "here [Hz]", "difference", "measured [Hz]", title="Table 5 at Table 4's values"
@@ -118,7 +118,7 @@ def measured_frequencies(console: Console) -> None:
     """The thirteen measured frequencies as input: E and k, and the errors mode by mode beside the paper's own."""
     groups = _twice(console, "measured_frequencies", "measured_frequencies.yaml", [], N_SEED)
     model = load_model(CONFIGS / "measured_frequencies.yaml")
-    measured = load_run(CONFIGS / "measured_frequencies.yaml").config.measurement.natural_frequencies or {}
+    measured = _measured_frequencies()
     best = {name: torch.from_numpy(group.theta[group.objective.argmin()]) for name, group in groups.items()}
     found = {name: model.natural_frequencies(theta, max(measured)).tolist() for name, theta in best.items()}
     table = Table("mode", "measured [Hz]", "paper's model", *found, title="Difference from the measured frequencies")
@@ -133,6 +133,12 @@ def measured_frequencies(console: Console) -> None:
             f"{name}: E {mine[modulus] / 1e9:.2f} GPa (paper {theirs[modulus] / 1e9:.2f}), "
             f"k {mine[spring]:.1f} N/m (paper {theirs[spring]:.1f})"
         )
+
+
+def _measured_frequencies() -> dict[int, float]:
+    """Table 5's measured column [Hz]."""
+    table = load_run(CONFIGS / "measured_frequencies.yaml").config.measurement.natural_frequencies or {}
+    return {mode: number.value for mode, number in table.items()}
 
 
 def _twice(console: Console, name: str, config: str, overrides: Sequence[str], n_seed: int) -> dict[str, Compared]:

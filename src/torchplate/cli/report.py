@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchplate.cli.build import Run
 from torchplate.cli.figures import NOMINAL, UPDATED, Curve, frf_overlay, natural_frequencies, save
-from torchplate.cli.result import nominal
+from torchplate.cli.result import CORRELATED, correlated, nominal
 from torchplate.discrepancy import Objective
 
 
@@ -87,6 +87,7 @@ def write_report(
             interval = f"{float(space.low[index]):g} to {float(space.high[index]):g}"
             lines.append(f"| {name} | {entry['value']:.6g} | {std} | {entry['unit']} | {interval} | {edge} |")
         lines.append("")
+    lines += _correlated(result)
     if (table := objective.evidence.natural_frequencies) is not None:
         lines += ["| mode | measured [Hz] | model [Hz] | difference |", "|---|---|---|---|"]
         found = objective.natural_frequencies(theta).tolist()
@@ -105,6 +106,21 @@ def write_report(
     (folder / "report.md").write_text("\n".join(lines).rstrip() + "\n")
     for name, figure in drawn.items():
         save(figure, folder / f"{name}.png")
+
+
+def _correlated(result: Mapping[str, Any]) -> list[str]:
+    """The pairs of parameters that the data can hardly tell apart, and what that means."""
+    pairs = correlated(result)
+    if not pairs:
+        return []
+    lines = [
+        f"The errors of these parameters go together (|correlation| > {CORRELATED:g}): the data fix a combination of "
+        "the two better than either alone.",
+        "",
+        "| parameter | parameter | correlation |",
+        "|---|---|---|",
+    ]
+    return [*lines, *(f"| {one} | {other} | {value:+.3f} |" for one, other, value in pairs), ""]
 
 
 def _channels(recipe: Run, objective: Objective) -> list[str]:

@@ -1,7 +1,7 @@
 """What a run found, as `result.json` holds it, and what a user must know before trusting it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -13,6 +13,8 @@ from torchplate.search import Outcome
 
 # A standard error above this part of the interval says that the data hardly narrow it.
 WIDE = 0.5
+# Beyond this correlation, either sign, two values can hardly be told apart.
+CORRELATED = 0.9
 
 
 def evaluated(settings: SearchConfig, natural_frequencies: Sequence[float]) -> dict[str, Any]:
@@ -80,6 +82,9 @@ def summarise(
             "n_generation": int(outcome.n_generation.max()),
             "status": status(outcome),
         }
+    if seen is not None:
+        correlation = [[_finite(number) for number in row] for row in seen.correlation]
+        result["correlation"] = {"names": list(model.names), "matrix": correlation}
     if objective.evidence.gain_is_unknown:
         result["gain"] = float(objective.gain(best))
     if len(theta) > 1:
@@ -127,8 +132,20 @@ def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]
     return sentences
 
 
+def correlated(result: Mapping[str, Any]) -> list[tuple[str, str, float]]:
+    """Pairs of parameters whose errors are correlated beyond `CORRELATED`, from the content of `result.json`."""
+    table = result.get("correlation", {"names": [], "matrix": []})
+    names, matrix = table["names"], table["matrix"]
+    return [
+        (names[i], names[j], matrix[i][j])
+        for i in range(len(names))
+        for j in range(i + 1, len(names))
+        if matrix[i][j] is not None and abs(matrix[i][j]) > CORRELATED
+    ]
+
+
 def _finite(value: Tensor) -> float | None:
-    """JSON has no infinity: a standard error that is infinite is null."""
+    """JSON has neither infinity nor NaN: a standard error that is infinite is null, and so are its correlations."""
     return float(value) if math.isfinite(float(value)) else None
 
 

@@ -1,6 +1,7 @@
 """`torchplate run`: search the intervals of a config, and write down everything."""
 
 import json
+import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,22 +14,23 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 from torch import Tensor
 
+from torchplate.cli.basis import TOLERANCE, confirmed, estimated, in_reduced_basis, wanted
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.compare import histories
 from torchplate.cli.config import InputError
 from torchplate.cli.figures import convergence
 from torchplate.cli.folder import open_folder, read_checkpoint, run_folder
 from torchplate.cli.log import RunLog
+from torchplate.cli.population import Job, polished
+from torchplate.cli.ranks import Ranks
 from torchplate.cli.report import figures, frf_figures, write_report
 from torchplate.cli.result import caveats, evaluated, summarise
 from torchplate.discrepancy import Objective, sensitivity
-from torchplate.model import DENSE, PlateModel, SparseModel, basis_error, reduce
-from torchplate.search import Checkpoint, Outcome, least_squares, minimize
+from torchplate.model import DENSE, PlateModel, SparseModel, basis_error
+from torchplate.search import LeastSquares, Outcome
 from torchplate.search import Progress as SearchProgress
 
 N_FREQUENCY_LISTED = 20
-# Relative FRF norm beyond which the reduced basis is not believed at the best member.
-TRUSTED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ def run(
     device: str = "cpu",
     resume: bool = False,
     console: Console | None = None,
+    ranks: Ranks | None = None,
 ) -> Found:
     """Search the intervals of a config, or evaluate the model where it has none, and write the run's folder.
 
@@ -63,31 +66,41 @@ def run(
         device: where the tensors live.
         resume: go on from the checkpoint in `out`, or in the config's latest folder under runs/.
         console: where progress goes.
+        ranks: the processes that share the search, of which this is the first; the others call `follow`.
 
     Raises:
         InputError: if the config, the measurement or the device cannot be used, or there is nothing to resume.
     """
     console = console or Console()
     recipe = load_run(path, overrides)
-    model = recipe.model().to(_device(device))
+    model = recipe.model().to(_device(device if ranks is None else ranks.device))
     measured = recipe.config.measurement
     alone = not model.names and measured.file is None and measured.natural_frequencies is None
     objective = None if alone else recipe.objective(model)
-    recipe.optimizer()  # so that a wrong setting is said before anything is written
+    optimizer = recipe.optimizer()  # so that a wrong setting is said before anything is written
+    if ranks is not None and isinstance(optimizer, LeastSquares):
+        raise recipe.error(
+            "search.optimizer",
+            "Expected a population search for processes to share, got least_squares. Run it without torchrun.",
+        )
     folder = run_folder(recipe, out, resume)
-    checkpoint = read_checkpoint(recipe, folder) if resume else None
+    checkpoint = read_checkpoint(recipe, folder, model.known.device) if resume else None
     open_folder(recipe, folder, device)
     if objective is None:
         return _evaluated(recipe, model, folder, console)
     console.print(f"[bold]{recipe.path.stem}[/]: {_described(objective)}")
-    searched = _in_reduced_basis(recipe, objective, console)
+    searched = in_reduced_basis(recipe, objective, console)
     if not model.names:
         return _finished(recipe, objective, searched, folder, model.known.new_zeros(1, 0), None, console)
     log = RunLog(folder, model.names, None if checkpoint is None else int(checkpoint["generation"]))
     try:
-        outcome = _search(recipe, searched, log, checkpoint, console)
-        if recipe.config.search.polish:
-            outcome = _polished(searched, outcome, console)
+        command = _command(path, folder, overrides, device)
+        job = Job(searched, optimizer, recipe.config.search, checkpoint, folder, command)
+        outcome = _search(recipe, job, log, console, ranks)
+        if recipe.config.search.polish and not isinstance(job.optimizer, LeastSquares):
+            outcome = polished(searched, outcome, console)
+        if searched is not objective:
+            searched, outcome = confirmed(objective, searched, outcome, console)
         order = outcome.best_objective.argsort()
         theta = model.space.to_si(outcome.best_position[order])
         found = _finished(recipe, objective, searched, folder, theta, outcome, console)
@@ -104,30 +117,28 @@ def run(
     return found
 
 
-def _in_reduced_basis(recipe: Run, objective: Objective, console: Console) -> Objective:
-    """The same objective in a reduced basis, where one is worth it and good enough."""
-    model, evidence = objective.model, objective.evidence
-    if recipe.config.search.basis == "full" or (not model.names and model.assembly.size <= DENSE):
-        return objective
-    small = reduce(model, *_wanted(objective))
-    if small is None:
-        return objective
-    console.print(
-        f"  {model.assembly.size} dofs in a reduced basis of {small[0].assembly.size}: "
-        f"error at most {small[1]:.0e} on members it was not built from"
-    )
-    return Objective(small[0], evidence, objective.kind)
+def follow(ranks: Ranks) -> None:
+    """What every process but the first does: its share of the search, and nothing else."""
+    ranks.hear().search(group=ranks.group)
 
 
-def _wanted(objective: Objective) -> tuple[Tensor | None, int]:
-    """Lines at which FRFs must be right, and the number of natural frequencies that must be."""
-    frfs, table = objective.evidence.measurement, objective.evidence.natural_frequencies
-    return None if frfs is None else frfs.frequency, 0 if table is None else int(table.mode.max())
+def _command(path: Path | str, folder: Path, overrides: Sequence[str], device: str) -> str:
+    """What goes on with this run."""
+    words = ["torchplate", "run", str(path), "--out", str(folder)]
+    for override in overrides:
+        words += ["--set", override]
+    if device != "cpu":
+        words += ["--device", device]
+    return shlex.join([*words, "--resume"])
 
 
-def _search(recipe: Run, searched: Objective, log: RunLog, checkpoint: Checkpoint | None, console: Console) -> Outcome:
+def _search(recipe: Run, job: Job, log: RunLog, console: Console, ranks: Ranks | None) -> Outcome:
     """The search, with its progress on the screen and in the log."""
-    settings, model = recipe.config.search, searched.model
+    settings, searched, checkpoint = recipe.config.search, job.objective, job.checkpoint
+    model = searched.model
+    if ranks is not None:
+        console.print(f"  {ranks.size} processes share each generation")
+        ranks.tell(job)
     columns = (
         TextColumn("  {task.description}"),
         BarColumn(),
@@ -151,39 +162,7 @@ def _search(recipe: Run, searched: Objective, log: RunLog, checkpoint: Checkpoin
                 for tag, figure in frf_figures(searched, theta[best], n_panel).items():
                     log.figure(tag, figure, int(progress.n_evaluation[best]))
 
-        return minimize(
-            lambda position: searched(model.space.to_si(position)),
-            recipe.optimizer(),
-            n_dimension=len(model.names),
-            generator=torch.Generator(model.known.device).manual_seed(settings.seed),
-            batch_shape=(settings.n_repeat,),
-            n_generation=settings.n_generation,
-            n_evaluation=settings.n_evaluation,
-            target=settings.target,
-            tolerance=settings.tolerance,
-            stagnation=settings.stagnation,
-            dtype=model.known.dtype,
-            on_generation=report,
-            resume=checkpoint,
-        )
-
-
-@torch.no_grad()
-def _polished(searched: Objective, outcome: Outcome, console: Console) -> Outcome:
-    """Every search's best, finished by least squares on the residuals, and kept where the objective is lower."""
-    space = searched.model.space
-    finish = least_squares(lambda position: searched.residual(space.to_si(position)), outcome.best_position)
-    objective = searched(space.to_si(finish.position))
-    lower = objective < outcome.best_objective
-    console.print(
-        f"  polished by least squares: objective {float(outcome.best_objective.min()):.6g} before, "
-        f"{float(torch.where(lower, objective, outcome.best_objective).min()):.6g} after"
-    )
-    return outcome._replace(
-        best_position=torch.where(lower[..., None], finish.position, outcome.best_position),
-        best_objective=torch.where(lower, objective, outcome.best_objective),
-        n_evaluation=outcome.n_evaluation + finish.n_evaluation,
-    )
+        return job.search(report, None if ranks is None else ranks.group)
 
 
 @torch.no_grad()
@@ -198,13 +177,15 @@ def _finished(
 ) -> Found:
     """Confirm the best on the full model, then write the result, the report and its figures."""
     best = theta[0]
-    seen = sensitivity(searched, best) if objective.model.names else None
+    by_squares = recipe.config.search.optimizer == LeastSquares.name
+    seen = sensitivity(searched, best, least_squares=by_squares) if objective.model.names else None
     sentences = [] if seen is None else caveats(searched, best, seen)
     listed = _lowest(objective.model, best)
     result = summarise(searched, theta, searched(theta), seen, outcome, recipe.config.search, listed)
     if searched is not objective:
-        result["basis_error"] = basis_error(objective.model, searched.model, best[None], *_wanted(objective))
-        if result["basis_error"] > TRUSTED:
+        result["basis_error"] = basis_error(objective.model, searched.model, best[None], *wanted(objective))
+        result["basis_error_of_population"] = estimated(objective, searched, outcome)
+        if result["basis_error"] > TOLERANCE:
             sentences.append(
                 f"On the full model the best member differs by {result['basis_error']:.1e} from what the reduced basis "
                 "says. Run again with --set search.basis=full."

@@ -1,10 +1,32 @@
 """The gap between simulation and measurement: how wide it is, and what the data can see.
 
-- `objective`: the registered measures of the gap, and the function of theta that a search minimises.
+- `measure`: what a measure of the gap between FRFs is, and the registry `OBJECTIVES`; `norms` (relative, logarithmic,
+  weighed by the coherence) and `assurance` (FRAC, CSAC, CSF) hold the registered functions.
+- `natural_frequency`: the gap between tables of natural frequencies.
+- `level`, `deviation`: what a measure is made of: the fitted level where readings carry no unit, and residuals.
+- `objective`: the function of theta that a search minimises.
 - `sensitivity`: what a small change of each parameter does to the prediction: uncertainty, and blind directions.
+- `covariance`: from the Jacobian and the noise of every residual to standard errors and correlations.
 """
 
-from torchplate.discrepancy.objective import OBJECTIVES, Evidence, Objective, relative_frf_norm
+from torchplate.discrepancy.assurance import csac, csf, frac
+from torchplate.discrepancy.measure import OBJECTIVES, Measured
+from torchplate.discrepancy.norms import coherence_weighted, log_amplitude, relative_amplitude_norm, relative_frf_norm
+from torchplate.discrepancy.objective import Evidence, Objective
 from torchplate.discrepancy.sensitivity import Sensitivity, sensitivity
 
-__all__ = ["OBJECTIVES", "Evidence", "Objective", "Sensitivity", "relative_frf_norm", "sensitivity"]
+__all__ = [
+    "OBJECTIVES",
+    "Evidence",
+    "Measured",
+    "Objective",
+    "Sensitivity",
+    "coherence_weighted",
+    "csac",
+    "csf",
+    "frac",
+    "log_amplitude",
+    "relative_amplitude_norm",
+    "relative_frf_norm",
+    "sensitivity",
+]

@@ -1,123 +1,17 @@
-"""How wide the gap is: registered measures, and the function of theta that a search minimises.
+"""The function of theta that a search minimises, and its residuals for least squares."""
 
-A measure takes FRFs of the model [*batch, n_frequency, n_response, n_reference] and of the measurement, and which pairs
-were measured; it returns one number for each member.
-"""
-
-import difflib
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 
+from torchplate.discrepancy.covariance import Rows
+from torchplate.discrepancy.measure import Measured, check_suits, find_objective
+from torchplate.discrepancy.natural_frequency import mode_weight, natural_frequency_error
+from torchplate.discrepancy.norms import relative_frf_norm
 from torchplate.measurement import Measurement, NaturalFrequencies
 from torchplate.model import PlateModel
-
-Comparison = Callable[[Tensor, Tensor, Tensor], Tensor]
-
-
-class Measure(NamedTuple):
-    """How the gap is measured, and how a level without a unit is fitted first: both from (model, measured, pairs)."""
-
-    gap: Comparison
-    gain: Comparison
-
-
-OBJECTIVES: dict[str, Measure] = {}
-
-
-def register(gain: Comparison) -> Callable[[Comparison], Comparison]:
-    """Enter a measure under its name, with the gain that suits it."""
-
-    def enter(gap: Comparison) -> Comparison:
-        OBJECTIVES[gap.__name__] = Measure(gap, gain)
-        return gap
-
-    return enter
-
-
-def complex_gain(
-    model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
-    measured: Complex[Tensor, "n_frequency n_response n_reference"],
-    pairs: Bool[Tensor, "n_response n_reference"],
-) -> Float[Tensor, "*batch"]:
-    """The real level g that minimises Σ_r ‖H_measured,r − g H_model,r‖² / ‖H_measured,r‖², not below 0."""
-    return _projected((model.conj() * measured).real, model, measured, pairs).clamp(min=0.0)
-
-
-def amplitude_gain(
-    model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
-    measured: Complex[Tensor, "n_frequency n_response n_reference"],
-    pairs: Bool[Tensor, "n_response n_reference"],
-) -> Float[Tensor, "*batch"]:
-    """The level g that minimises Σ_r ‖|H_measured,r| − g |H_model,r|‖² / ‖H_measured,r‖²."""
-    return _projected(model.abs() * measured.abs(), model, measured, pairs)
-
-
-def log_gain(
-    model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
-    measured: Complex[Tensor, "n_frequency n_response n_reference"],
-    pairs: Bool[Tensor, "n_response n_reference"],
-) -> Float[Tensor, "*batch"]:
-    """The level g that minimises Σ (ln |H_measured| − ln g |H_model|)²: the geometric mean of the ratios."""
-    kept = pairs & (measured != 0) & (model != 0)
-    ratio = torch.where(kept, (measured / torch.where(kept, model, 1.0)).abs(), 1.0)
-    return (ratio.log().sum((-3, -2, -1)) / kept.sum((-3, -2, -1))).exp()
-
-
-def _projected(cross: Tensor, model: Tensor, measured: Tensor, pairs: Tensor) -> Tensor:
-    """Σ cross / Σ |model|², each FRF weighed by one over its squared norm."""
-    weight = torch.where(pairs, 1 / measured.abs().square().sum(0), 0.0)
-    own = (model.abs().square().sum(-3) * weight).sum((-2, -1))
-    return (cross.sum(-3) * weight).sum((-2, -1)) / own
-
-
-@register(complex_gain)
-def relative_frf_norm(
-    model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
-    measured: Complex[Tensor, "n_frequency n_response n_reference"],
-    pairs: Bool[Tensor, "n_response n_reference"],
-) -> Float[Tensor, "*batch"]:
-    """Σ_r ‖H_measured,r − H_model,r‖ / ‖H_measured,r‖ over the FRFs r, complex [-]. Source: seed paper, Eq. 22."""
-    return _relative(model - measured, measured, pairs)
-
-
-@register(amplitude_gain)
-def relative_amplitude_norm(
-    model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
-    measured: Complex[Tensor, "n_frequency n_response n_reference"],
-    pairs: Bool[Tensor, "n_response n_reference"],
-) -> Float[Tensor, "*batch"]:
-    """Σ_r ‖|H_measured,r| − |H_model,r|‖ / ‖H_measured,r‖ [-]. Source: seed paper, Eq. 22 on amplitudes."""
-    return _relative(model.abs() - measured.abs(), measured, pairs)
-
-
-@register(log_gain)
-def log_amplitude(
-    model: Complex[Tensor, "*batch n_frequency n_response n_reference"],
-    measured: Complex[Tensor, "n_frequency n_response n_reference"],
-    pairs: Bool[Tensor, "n_response n_reference"],
-) -> Float[Tensor, "*batch"]:
-    """Root mean square of ln |H_model| − ln |H_measured| over lines and FRFs [Np]; peaks and valleys weigh alike.
-
-    Lines at which either is exactly zero (an accelerance at 0 Hz) say nothing and are left out. Source: Balmès,
-    "Frequency domain identification of structural dynamics using the pole/residue parametrization", IMAC (1996),
-    logarithmic cost.
-    """
-    kept = pairs & (measured != 0) & (model != 0)
-    reference = torch.where(kept, measured, 1.0)
-    difference = torch.where(kept, (model / reference).abs(), 1.0).log()
-    return (difference.square().sum((-3, -2, -1)) / kept.sum((-3, -2, -1))).sqrt()
-
-
-def natural_frequency_error(
-    model: Float[Tensor, "*batch n_mode"], measured: Float[Tensor, " n_mode"]
-) -> Float[Tensor, "*batch"]:
-    """√(mean over modes of ((f_model − f_measured) / f_measured)²) [-]. Source: Friswell, Mottershead (1995)."""
-    return (model / measured - 1).square().mean(-1).sqrt()
 
 
 @dataclass(frozen=True)
@@ -128,18 +22,25 @@ class Evidence:
         measurement: FRFs, already cut to their band; or None.
         natural_frequencies: a table, or None.
         gain_is_unknown: the level of the FRFs carries no unit, and one factor for all of them is fitted.
+        n_average: records behind each FRF, > 1, with which its coherence says how noisy it is; None if not known.
 
     Raises:
-        ValueError: if both are None.
+        ValueError: if both are None, or n_average is 1, at which every coherence is 1.
     """
 
     measurement: Measurement | None = None
     natural_frequencies: NaturalFrequencies | None = None
     gain_is_unknown: bool = False
+    n_average: int | None = None
 
     def __post_init__(self) -> None:
         if self.measurement is None and self.natural_frequencies is None:
             raise ValueError("Expected FRFs or natural frequencies to compare with, got neither. Give a measurement.")
+        if self.n_average is not None and self.n_average < 2:
+            raise ValueError(
+                f"Expected n_average of 2 or more, got {self.n_average}: the coherence of a single record is always 1. "
+                "Leave it out."
+            )
 
 
 class Objective:
@@ -149,41 +50,57 @@ class Objective:
         model: whose searched parameters theta holds; its responses and references are those of the measurement.
         evidence: what was measured. A table of natural frequencies adds its own error to that of the FRFs.
         kind: a key of OBJECTIVES; only FRFs have a choice.
+        natural_frequency_weight: factor on the error of the natural frequencies, > 0.
 
     Raises:
         KeyError: if no measure has that name.
+        ValueError: if the measure can say nothing of these FRFs; see `measure.check_suits`.
     """
 
-    def __init__(self, model: PlateModel, evidence: Evidence, kind: str = "relative_frf_norm") -> None:
+    def __init__(
+        self,
+        model: PlateModel,
+        evidence: Evidence,
+        kind: str = "relative_frf_norm",
+        natural_frequency_weight: float = 1.0,
+    ) -> None:
         self.model, self.evidence, self.kind = model, evidence, kind
+        self.natural_frequency_weight = natural_frequency_weight
         self.measure = find_objective(kind)
         if evidence.measurement is not None:
+            check_suits(kind, evidence.measurement)
             self._frequency = evidence.measurement.frequency.to(model.known)
-            self._frf = evidence.measurement.frf.to(model.known.device)
-            self._pairs = evidence.measurement.measured.to(model.known.device)
+            self._measured = Measured.of(evidence.measurement.to(model.known.device))
         if evidence.natural_frequencies is not None:
-            self._mode = evidence.natural_frequencies.mode.to(model.known.device) - 1
-            self._table = evidence.natural_frequencies.frequency.to(model.known)
+            table = evidence.natural_frequencies.to(model.known.device)
+            self._mode, self._table, self._mode_weight = table.mode - 1, table.frequency, mode_weight(table)
+
+    def of(self, model: PlateModel) -> "Objective":
+        """The same objective of another model."""
+        return Objective(model, self.evidence, self.kind, self.natural_frequency_weight)
 
     def __call__(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch"]:
         """The gap of each member."""
         total = theta.new_zeros(theta.shape[:-1])
         if self.evidence.measurement is not None:
-            total = total + self.measure.gap(self.frf(theta), self._frf, self._pairs)
+            total = total + self.measure.gap(self.frf(theta), self._measured)
         if self.evidence.natural_frequencies is not None:
-            total = total + natural_frequency_error(self.natural_frequencies(theta), self._table)
+            total = total + self.natural_frequency_weight * self._natural_frequency_error(theta)
         return total
+
+    def _natural_frequency_error(self, theta: Tensor) -> Tensor:
+        return natural_frequency_error(self.natural_frequencies(theta), self._table, self._mode_weight)
 
     def frf(self, theta: Float[Tensor, "*batch n_parameter"]) -> Complex[Tensor, "*batch n_f n_response n_reference"]:
         """What the model predicts for the measured FRFs, at the fitted level where the gain is unknown."""
         frf = self.model.frf(theta, self._frequency)
         if not self.evidence.gain_is_unknown:
             return frf
-        return self.measure.gain(frf, self._frf, self._pairs)[..., None, None, None] * frf
+        return self.measure.gain(frf, self._measured)[..., None, None, None] * frf
 
     def gain(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch"]:
         """The fitted level of the readings over SI units."""
-        return self.measure.gain(self.model.frf(theta, self._frequency), self._frf, self._pairs)
+        return self.measure.gain(self.model.frf(theta, self._frequency), self._measured)
 
     def natural_frequencies(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch n_mode"]:
         """What the model predicts for the measured natural frequencies [Hz]."""
@@ -192,41 +109,83 @@ class Objective:
     def gap(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch"]:
         """Mean over FRFs of ‖measured − model‖ / ‖measured‖ [-]; without FRFs the natural-frequency error."""
         if self.evidence.measurement is None:
-            return self(theta)
-        return relative_frf_norm(self.frf(theta), self._frf, self._pairs) / self._pairs.sum()
+            return self._natural_frequency_error(theta)
+        return relative_frf_norm(self.frf(theta), self._measured) / self._measured.pairs.sum()
 
     def residual(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch n_residual"]:
-        """Every relative deviation as a real number: of FRFs (real and imaginary part), then of natural frequencies.
+        """Deviations as real numbers, for least squares: of FRFs, line by line, then of natural frequencies.
 
-        Each FRF is divided by its own norm, each natural frequency by the measured one, so that the sum of squares is
-        that of what `relative_frf_norm` and `natural_frequency_error` sum.
+        FRFs deviate as the measure says (`measure.deviation`); each natural frequency by
+        natural_frequency_weight · w (f_model − f_measured) / f_measured, w of `mode_weight`.
         """
         parts = []
         if self.evidence.measurement is not None:
-            scale = torch.where(self._pairs, 1 / self._frf.abs().square().sum(0).sqrt(), 0.0)
-            relative = (self.frf(theta) - self._frf) * scale
-            kept = relative.flatten(-2)[..., self._pairs.flatten()].flatten(-2)
-            parts += [kept.real, kept.imag]
+            deviation = self.measure.deviation.residual(self.frf(theta), self._measured)
+            kept = deviation.flatten(-3, -2)[..., self._measured.pairs.flatten(), :]
+            parts.append(kept.flatten(-3))
         if self.evidence.natural_frequencies is not None:
-            parts.append(self.natural_frequencies(theta) / self._table - 1)
+            weight = self.natural_frequency_weight * self._mode_weight
+            parts.append(weight * (self.natural_frequencies(theta) / self._table - 1))
         return torch.cat(parts, dim=-1)
 
+    def rows(self, theta: Float[Tensor, " n_parameter"]) -> Rows:
+        """What each residual belongs to, and what the measurement says of its noise.
 
-def find_objective(kind: str) -> Measure:
-    """The measure of that name.
+        An FRF's noise in the real and in the imaginary part is known where its coherence γ² and the number of averages
+        are: σ² = |H|² (1 − γ²) / (2 (n_average − 1) γ²). With the γ² of these very averages, n_average − 1 makes it the
+        unbiased estimate, where Bendat and Piersol's Table 9.6 has the γ² of infinitely many and n_average.
 
-    Raises:
-        KeyError: if there is none, with the nearest name.
-    """
-    if kind not in OBJECTIVES:
-        near = difflib.get_close_matches(kind, OBJECTIVES, n=1)
-        guess = f" Did you mean '{near[0]}'?" if near else ""
-        raise KeyError(f"No objective named '{kind}'.{guess} There are: {', '.join(OBJECTIVES)}.")
-    return OBJECTIVES[kind]
+        Where the same coherence also weighs the lines (`coherence_weighted`), lines that seem quiet by chance weigh
+        more: the variance of the estimate is then (n_average − 1) / (n_average − 3) times as large, for a weight 1/σ²
+        has E[1/σ²] = m/(m − 1) and E[1/σ⁴] = m²/((m − 1)(m − 2)) with m = n_average − 1 (gamma distribution).
+        """
+        groups: list[Tensor] = []
+        slopes: list[Tensor] = []
+        amplitudes: list[Tensor] = []
+        variances: list[Tensor] = []
+        n_group = 0
+        if self.evidence.measurement is not None:
+            pairs, n_group = self._measured.pairs, int(self._measured.pairs.sum())
+            frf, slope = self.frf(theta)[:, pairs], self.measure.deviation.slope(self._measured)[:, pairs]
+            n_part = self.measure.deviation.residual(frf.new_zeros(self._measured.frf.shape), self._measured).shape[-1]
+            for whole, part in (
+                (groups, torch.arange(n_group, device=frf.device).expand(len(frf), n_group)),
+                (slopes, slope),
+                (amplitudes, frf.abs()),
+                (variances, slope.square() * self._frf_variance()[:, pairs]),
+            ):
+                whole.append(part[..., None].expand(*part.shape, n_part).flatten())
+        if (table := self.evidence.natural_frequencies) is not None:
+            scale = self.natural_frequency_weight * self._mode_weight
+            std = torch.full_like(scale, torch.nan) if table.std is None else table.std.to(scale)
+            groups.append(torch.full_like(self._mode, n_group))
+            slopes.append(scale)
+            amplitudes.append(torch.zeros_like(scale))
+            variances.append((scale * std / self._table).square())
+        return Rows(*(torch.cat(parts) for parts in (groups, slopes, amplitudes, variances)))
 
+    def _frf_variance(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
+        """Variance of the real and of the imaginary part of each measured FRF; NaN where it is not known."""
+        n_average, precision = self.evidence.n_average, self._measured.precision
+        weighed = self.measure.needs_coherence
+        if precision is None or n_average is None or (weighed and n_average < 4):
+            return torch.full_like(self._measured.frf.real, torch.nan)
+        variance = 1 / (2 * (n_average - 1) * torch.where(precision > 0, precision, torch.nan))
+        return variance * (n_average - 1) / (n_average - 3) if weighed else variance
 
-def _relative(difference: Tensor, measured: Tensor, pairs: Tensor) -> Tensor:
-    """Σ over measured pairs of ‖difference‖ / ‖measured‖, norms over the lines."""
-    norm = measured.abs().square().sum(0).sqrt()
-    ratio = difference.abs().square().sum(-3).sqrt() / torch.where(pairs, norm, 1.0)
-    return torch.where(pairs, ratio, 0.0).sum((-2, -1))
+    def estimating_weight(self, residual: Float[Tensor, " n_residual"], rows: Rows) -> Float[Tensor, " n_residual"]:
+        """W of the equations Jᵀ W r = 0 that hold where this objective is least, up to a factor.
+
+        A norm ‖r‖ has the gradient Jᵀr / ‖r‖, so a sum of norms weighs the residuals of each by one over it; a measure
+        without residuals of its own counts as least squares, W = 1.
+        """
+        if self.measure.norm == "other":
+            return torch.ones_like(residual)
+        n_pair = 0 if self.evidence.measurement is None else int(self._measured.pairs.sum())
+        joined = rows.group.clamp(min=n_pair - 1) if self.measure.norm == "joint" else rows.group
+        square = residual.new_zeros(n_pair + 1).index_add(0, joined, residual.square())
+        norm = square.sqrt()
+        if self.evidence.natural_frequencies is not None:
+            norm[-1] = norm[-1] * len(self._mode) ** 0.5
+        # Residuals that are all zero leave no weight to choose.
+        return 1 / norm.clamp(min=1e-12 * float(norm.max()) or 1.0)[joined]

@@ -1,22 +1,25 @@
 """What the data can see: the change of every residual with every parameter, and what follows from it.
 
-With residuals r(u) over the unit cube and J = ∂r/∂u, the covariance of the estimate is σ² (JᵀJ)⁻¹, σ² = rᵀr / (n − p)
-(Gauss–Newton; Seber and Wild, Nonlinear Regression, 1989, ch. 2). A direction in which J is flat is one that these data
-cannot see.
+The Jacobian J = ∂r/∂u of the residuals over the unit cube is exact, by forward-mode differentiation. A direction in
+which J is flat is one that these data cannot see; over the others the covariance is that of `covariance`.
 """
 
+import warnings
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from torchplate.discrepancy.covariance import Directions
 from torchplate.discrepancy.objective import Objective
 
 # Crossing the whole interval then changes the residuals by less than this fraction of the measurement's norm.
 BLIND = 1e-4
-# Half the step of the central difference, as a fraction of the interval: the error is its square, rounding 1e-8 / step.
-STEP = 1e-4
+# Parameters cancel each other in a direction in which the residuals change by less than this part of the steepest.
+FLAT = 1e-7
+# Part of a flat direction below which a parameter has none in it: the directions are exact to rounding over FLAT.
+SHARE = 1e-4
 
 
 class Sensitivity(NamedTuple):
@@ -27,58 +30,69 @@ class Sensitivity(NamedTuple):
         std: standard error of each parameter in its unit; infinite where the data cannot see it.
         blind: the parameters that change no residual.
         flat: directions over the unit cube along which nothing changes although their parameters, alone, do.
+        correlation: of the errors [-], −1 to 1; NaN beside a parameter whose standard error is infinite or zero.
     """
 
     norm: Float[Tensor, " n_parameter"]
     std: Float[Tensor, " n_parameter"]
     blind: Bool[Tensor, " n_parameter"]
     flat: Float[Tensor, "n_flat n_parameter"]
+    correlation: Float[Tensor, "n_parameter n_parameter"]
 
 
 @torch.no_grad()
-def sensitivity(objective: Objective, theta: Float[Tensor, " n_parameter"]) -> Sensitivity:
-    """Sensitivity of the residuals at one estimate, by central differences in one batch.
+def sensitivity(
+    objective: Objective, theta: Float[Tensor, " n_parameter"], *, least_squares: bool = False
+) -> Sensitivity:
+    """Sensitivity of the residuals at one estimate, and how far noise of the measurement moves it.
 
-    On an edge of the interval the step goes beyond it, at most by a ten-thousandth of its width; where the parameter
-    makes no sense there (a negative damping), the difference is one-sided.
+    Standard errors and correlations speak of noise alone: they do not know of an effect that the model lacks.
+
+    Args:
+        objective: what was minimised.
+        theta: where it is least, in SI units.
+        least_squares: theta minimises the sum of squares of the residuals and not the objective itself, which may weigh
+            FRFs otherwise.
     """
-    space, n = objective.model.space, len(theta)
+    space = objective.model.space
+    with warnings.catch_warnings():
+        # The first use makes torch compile rules of its own by a function that it has itself deprecated.
+        warnings.filterwarnings("ignore", message="`torch.jit.script", category=DeprecationWarning)
+        jacobian = torch.func.jacfwd(lambda u: objective.residual(space.to_si(u)))(space.to_cube(theta))
+    return sensitivity_by(objective, theta, objective.residual(theta), jacobian, least_squares=least_squares)
+
+
+@torch.no_grad()
+def sensitivity_by(
+    objective: Objective,
+    theta: Float[Tensor, " n_parameter"],
+    residual: Float[Tensor, " n_residual"],
+    jacobian: Float[Tensor, "n_residual n_parameter"],
+    *,
+    least_squares: bool = False,
+) -> Sensitivity:
+    """`sensitivity`, where the residuals there and their Jacobian over the unit cube are at hand already."""
+    space = objective.model.space
     position = space.to_cube(theta)
-    steps = STEP * torch.cat([torch.eye(n), -torch.eye(n)]).to(position)
-    members = space.to_si(torch.cat([position + steps, position[None]]))
-    members = members.clamp(min=_physical_floor(objective).to(members))
-    residual, reached = objective.residual(members), space.to_cube(members)
-    apart = (reached[:n] - reached[n : 2 * n]).diagonal()
-    jacobian = ((residual[:n] - residual[n : 2 * n]) / apart[:, None]).mT
+    rows = objective.rows(theta)
+    weight = torch.ones_like(residual) if least_squares else objective.estimating_weight(residual, rows)
+
     norm = jacobian.norm(dim=0)
     blind = norm < BLIND
-    std = torch.full_like(theta, torch.inf)
     seen = torch.nonzero(~blind).flatten()
-    flat = jacobian.new_zeros(0, n)
+    n = len(theta)
+    covariance, flat = theta.new_full((n, n), torch.nan), jacobian.new_zeros(0, n)
+    unseen = blind.clone()
     if len(seen):
-        # Scaled columns, so that a direction counts as flat only where seen parameters cancel each other.
-        scaled = jacobian[:, seen] / norm[seen]
-        # Rows of zeros where there are fewer residuals than parameters: every direction then has its singular value.
-        scaled = torch.cat([scaled, scaled.new_zeros(max(0, len(seen) - len(scaled)), len(seen))])
-        _, values, directions = torch.linalg.svd(scaled, full_matrices=False)
-        level = values < 1e-5 * values[0]
+        directions = Directions.of(jacobian[:, seen], weight)
+        level = directions.values < FLAT * directions.values[0]
         flat = jacobian.new_zeros(int(level.sum()), n)
-        flat[:, seen] = directions[level] / norm[seen]
-        variance = residual[-1].square().sum() / max(1, residual.shape[-1] - len(seen))
-        inverse = torch.where(level, torch.inf, 1 / values.clamp(min=torch.finfo(values.dtype).tiny) ** 2)
-        spread = (directions.square() * inverse[:, None]).nan_to_num(nan=0.0, posinf=torch.inf).sum(0)
-        # Unseen stays infinite where the residuals are zero.
-        variance = torch.where(spread.isinf(), 1.0, variance)
-        per_unit = space.to_si(position + STEP * torch.eye(n).to(position)).diagonal() - theta
-        std[seen] = (variance * spread).sqrt() / norm[seen] * per_unit[seen] / STEP
-    return Sensitivity(norm, std, blind, flat)
-
-
-def _physical_floor(objective: Objective) -> Tensor:
-    """The least value that makes sense for each searched parameter: a step must not make a damping negative."""
-    parameters = {
-        f"{label}.{name}": parameter
-        for label, effect in objective.model.effects.items()
-        for name, parameter in effect.parameters.items()
-    }
-    return torch.tensor([parameters[name].allowed.low for name in objective.model.names], dtype=torch.float64)
+        flat[:, seen] = directions.right[level] / directions.norm
+        unseen[seen] |= (directions.right[level].abs() > SHARE).any(0)
+        per_unit = torch.func.jvp(space.to_si, (position,), (torch.ones_like(position),))[1][seen]
+        over_cube = directions.at(~level).covariance(residual, weight, rows)
+        covariance[seen[:, None], seen] = over_cube * per_unit[:, None] * per_unit
+    std = torch.where(unseen, torch.inf, covariance.diagonal().sqrt())
+    told = std.isfinite() & (std > 0)
+    correlation = torch.where(told[:, None] & told, covariance / std[:, None] / std, torch.nan)
+    return Sensitivity(norm, std, blind, flat, correlation)

@@ -19,14 +19,16 @@ class NaturalFrequencies:
         mode: Mode numbers, counted from 1, rising. Gaps are modes that were not found.
         frequency: Natural frequencies [Hz], > 0, never falling with the mode number (repeated modes are
             equal).
+        std: Standard deviations of the frequencies [Hz], > 0, NaN where a mode has none; None where none has.
 
     Raises:
         MeasurementError: An empty table, a mode below 1 or named twice, a frequency that is not positive or
-            that falls while the mode number rises.
+            that falls while the mode number rises, a standard deviation that is not positive.
     """
 
     mode: Int[Tensor, " n_mode"]
     frequency: Float[Tensor, " n_mode"]
+    std: Float[Tensor, " n_mode"] | None = None
 
     def __post_init__(self) -> None:
         where = "measurement.natural_frequencies: expected"
@@ -49,14 +51,22 @@ class NaturalFrequencies:
                     f"{where} frequencies that rise with the mode number, got {values[i - 1]:g} Hz for mode "
                     f"{modes[i - 1]} and {values[i]:g} Hz for mode {modes[i]}. Exchange or renumber them."
                 )
+        for m, s in zip(modes, [] if self.std is None else self.std.tolist(), strict=self.std is not None):
+            if s <= 0 or s == float("inf"):
+                raise MeasurementError(
+                    f"{where} positive standard deviations in Hz, got {s:g} for mode {m}. Leave out a std that is not "
+                    "known."
+                )
 
     @classmethod
-    def from_mapping(cls, table: Mapping[int, float]) -> "NaturalFrequencies":
-        """Build the table from {mode number: frequency [Hz]}, in any order."""
+    def from_mapping(cls, table: Mapping[int, float], std: Mapping[int, float] | None = None) -> "NaturalFrequencies":
+        """Build the table from {mode number: frequency [Hz]}, in any order; std [Hz] likewise, for some modes."""
         modes = sorted(table)
         values = [float(table[m]) for m in modes]
-        return cls(torch.tensor(modes, dtype=torch.int64), torch.tensor(values, dtype=torch.float64))
+        spread = torch.tensor([(std or {}).get(m, float("nan")) for m in modes], dtype=torch.float64) if std else None
+        return cls(torch.tensor(modes, dtype=torch.int64), torch.tensor(values, dtype=torch.float64), spread)
 
     def to(self, device: torch.device | str) -> "NaturalFrequencies":
-        """Move both tensors to `device`."""
-        return replace(self, mode=self.mode.to(device), frequency=self.frequency.to(device))
+        """Move every tensor to `device`."""
+        spread = None if self.std is None else self.std.to(device)
+        return replace(self, mode=self.mode.to(device), frequency=self.frequency.to(device), std=spread)

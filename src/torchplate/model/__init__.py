@@ -6,12 +6,13 @@
 - `gradient`: their derivatives, exact where natural frequencies repeat too; `impedance`: the algebra below them.
 - `fine_mesh`: one member in sparse matrices, where dense ones would be too large.
 - `reduced_basis`: a small basis for the whole box of the searched parameters.
-- `basis_error`: how wrong it is, measured or estimated, member by member.
+- `error_estimate`: how wrong it is, measured or estimated, member by member.
+- `modal_sum`: the sum over modes for many lines at once, and what is attached to it.
 - `shared_modes`: plates that differ by a factor have the same modes, and need no eigenproblem at all.
 - `plate_model`: the torch module that puts them together.
 """
 
-from torchplate.model.basis_error import basis_error, estimated_error
+from torchplate.model.error_estimate import basis_error, estimated_error
 from torchplate.model.fine_mesh import DENSE, SparseModel
 from torchplate.model.modes import Modes
 from torchplate.model.parameter_space import ParameterSpace, Searched

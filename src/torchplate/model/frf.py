@@ -16,11 +16,15 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.effects import SensorChain
-from torchplate.model.modal_sum import CACHED, N_FEATURE, attach, modal_sum, terms_first
+from torchplate.model.modal_sum import LINES_AT_ONCE, attach, modal_sum, terms_first
 from torchplate.plate import Proportional, System
 
 KINDS = ("receptance", "mobility", "accelerance", "transmissibility")
 DERIVATIVE = {"receptance": 0, "mobility": 1, "accelerance": 2}
+# Numbers of an array [member, line, row, mode] that a CPU's cache holds beside what is made of them.
+ADJOINT_CACHED = 2**18
+# Dofs up to which batches of complex matrices are seen to be right with any number of threads.
+SOLVED_TOGETHER = 100
 # Fewer lines at once do not pay for the [member, mode, mode] gradients that each part of the lines adds up.
 ADJOINT_LINES = 32
 
@@ -87,7 +91,12 @@ def receptance(
     kappa, mu = proportional.at(laplace)
     flexibility = 1 / kappa
     shape = torch.broadcast_shapes(
-        eigenvalue.shape[:-1], response.shape[:-2], reference.shape[:-2], viscous.shape[:-1], kappa.shape[:-1]
+        eigenvalue.shape[:-1],
+        response.shape[:-2],
+        reference.shape[:-2],
+        viscous.shape[:-1],
+        kappa.shape[:-1],
+        mu.shape[:-1],
     )
     z = (-mu * flexibility).expand(*shape, laplace.shape[-1])
     found = modal_sum(eigenvalue, stack_rows(dashpot, response), stack_rows(dashpot, reference), z)
@@ -111,8 +120,23 @@ def direct_receptance(
         impedance = impedance + s * (system.dashpot.mT @ weighted)
         if system.hysteretic is not None:
             impedance = impedance + 1j * system.hysteretic
-        columns.append(response.to(impedance) @ torch.linalg.solve(impedance, reference.mT.to(impedance)))
+        columns.append(response.to(impedance) @ solve_each(impedance, reference.mT.to(impedance)))
     return torch.stack(columns, dim=-3)
+
+
+def solve_each(
+    matrix: Complex[Tensor, "*batch n n"], right: Complex[Tensor, "*#batch n n_right"]
+) -> Complex[Tensor, "*batch n n_right"]:
+    """matrix⁻¹ right for a batch; large matrices one at a time.
+
+    A batch of them comes out wrong, or never, where several threads of oneMKL share it (torch 2.13: ZLASWP is given
+    pivots of another matrix).
+    """
+    if matrix.shape[-1] <= SOLVED_TOGETHER or matrix.ndim == 2:
+        return torch.linalg.solve(matrix, right)
+    right = right.expand(*matrix.shape[:-2], *right.shape[-2:])
+    pairs = zip(matrix.flatten(0, -3), right.flatten(0, -3), strict=True)
+    return torch.stack([torch.linalg.solve(*pair) for pair in pairs]).unflatten(0, matrix.shape[:-2])
 
 
 def laplace_lines(frequency: Float[Tensor, " n_frequency"], decay: float) -> Complex[Tensor, " n_frequency"]:
@@ -131,17 +155,17 @@ def as_kind(
 
 
 def lines_at_once(memory: int, n_member: int, left: Tensor, right: Tensor, system: System) -> int:
-    """Lines that fit the memory [bytes], and on a CPU whose modal sums stay in its cache: that halves their time."""
+    """Lines that fit the memory [bytes], and on a CPU whose modal sums stay in its cache."""
     n_dashpot, n_mode = system.dashpot.shape[-2:]
     pairs = (left.shape[-2] + n_dashpot) * (right.shape[-2] + n_dashpot)
     numbers = 6 * n_mode + 6 * pairs
     if system.hysteretic is not None:
         numbers += 6 * n_mode**2
-    cached = CACHED // (n_member * N_FEATURE)
+    cached = LINES_AT_ONCE
     if torch.is_grad_enabled():
         n_solved = 2 * min(left.shape[-2], right.shape[-2])
         numbers += 10 * n_solved * n_mode
-        cached = max(ADJOINT_LINES, CACHED // (n_member * n_mode * n_solved))
+        cached = max(ADJOINT_LINES, ADJOINT_CACHED // (n_member * n_mode * n_solved))
     fitting = memory // (n_member * left.element_size() * numbers)
     return max(1, min(fitting, cached) if left.device.type == "cpu" else fitting)
 
@@ -174,5 +198,5 @@ def _solve_modal(
     coupling = (dashpot.mT @ (viscous[..., None] * dashpot))[..., None, :, :]
     impedance = torch.diag_embed(torch.complex(real, imaginary))
     impedance = impedance + 1j * hysteretic[..., None, :, :] + laplace[..., None, None] * coupling
-    motion = torch.linalg.solve(impedance, reference.mT[..., None, :, :].to(impedance))
+    motion = solve_each(impedance, reference.mT[..., None, :, :].to(impedance))
     return response[..., None, :, :].to(impedance) @ motion

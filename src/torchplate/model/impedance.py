@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.model.frf import modal_denominator, modal_receptance, stack_rows
+from torchplate.model.frf import modal_denominator, modal_receptance, solve_each, stack_rows
 from torchplate.plate import Proportional
 
 
@@ -54,7 +54,7 @@ def solve(z: Impedance, weight: Tensor, rows: Tensor) -> Tensor:
     if z.hysteretic is not None:
         impedance = torch.diag_embed(torch.complex(real, imaginary)) + 1j * z.hysteretic[..., None, :, :]
         dashpot = z.dashpot[..., None, :, :].to(impedance)
-        return torch.linalg.solve(impedance + dashpot.mT @ (gain * dashpot), times(weight, rows).mT).mT
+        return solve_each(impedance + dashpot.mT @ (gain * dashpot), times(weight, rows).mT).mT
     if z.dashpot.shape[-2] > 0:
         # The dashpots' forces are more rows in the mix, so that the many modes are gone through only once.
         felt = modal_receptance(z.eigenvalue, z.proportional, z.laplace, stack_rows(rows, z.dashpot), z.dashpot)

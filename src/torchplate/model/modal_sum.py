@@ -19,20 +19,48 @@ and Johnson, The Mechanics of Vibration, 1960).
 Arrays are [n_row, n_column, *batch, n_frequency] here: every step is then one operation on long rows of lines.
 """
 
+from typing import NamedTuple
+
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
 # A mode is far from a block of lines if its ρ is at least RHO: n terms of the series then leave RHO^−n of what it adds
 # to the FRF. The series is for z near the real axis: damping widens the block by WIDENED times its Im z.
-RHO = 4.0
+RHO = 3.0
 WIDENED = 8.0
-# Terms that leave 2e-10, and 1e-6.
-EXACT, CLOSE = 16, 10
-# Numbers of an array [feature, member, line] that a CPU's cache holds beside what is made of them, and features (modes
-# near a block of lines, and terms of the series) that there usually are.
-CACHED = 2**18
-N_FEATURE = 32
+# Terms that leave 2e-5, which is 1e-6 of the FRF where peaks outweigh what is far from them; and terms that leave no
+# more than rounding: what a member gets then does not depend on who stands beside it in the batch.
+CLOSE, EXACT = 10, 32
+# Lines that go together on a CPU, and members: what is made of them stays in the cache, and is the same in any batch.
+LINES_AT_ONCE = 160
+MEMBERS_AT_ONCE = 64
+
+
+class Disc(NamedTuple):
+    """A stretch of the real axis, and so much beside it, that z is in [rad²/s²]."""
+
+    centre: float
+    half: float
+
+    @classmethod
+    def around(cls, z: Complex[Tensor, "*batch"], eigenvalue: Float[Tensor, "*more"]) -> "Disc | None":
+        """The one that holds all z; None under `vmap`, where nobody may look."""
+        try:
+            x, y, highest = z.detach().real, z.detach().imag, float(eigenvalue.detach().amax())
+            low, high, off = float(x.amin()), float(x.amax()), float(y.abs().amax())
+        except RuntimeError:
+            return None
+        # A single line has no width of its own.
+        return cls(0.5 * (low + high), max(0.5 * (high - low), WIDENED * off, 1e-3 * abs(high), 1e-9 * highest))
+
+    def holds(self, other: "Disc | None") -> bool:
+        """Whether it holds another; one that may not be looked at it does not."""
+        return other is not None and abs(other.centre - self.centre) + other.half <= SLACK * self.half
+
+
+# How far z may leave a disc that was made for it: the series hardly notices.
+SLACK = 1.01
 
 
 def modal_sum(
@@ -40,6 +68,7 @@ def modal_sum(
     left: Float[Tensor, "*#batch n_left n"],
     right: Float[Tensor, "*#batch n_right n"],
     z: Complex[Tensor, "*batch n_frequency"],
+    disc: Disc | None = None,
     n_term: int = EXACT,
 ) -> Complex[Tensor, "n_left n_right *batch n_frequency"]:
     """Σ left right / (λ − z), one real matrix product.
@@ -49,10 +78,15 @@ def modal_sum(
         left: modal deflections of the rows [1/√kg].
         right: of the columns.
         z: −μ/κ [rad²/s²].
+        disc: where z is expected; if it is not, or none is given, that of z itself.
         n_term: terms of the series.
     """
-    n, disc = eigenvalue.shape[-1], _disc(eigenvalue, z)
+    n, own = eigenvalue.shape[-1], Disc.around(z, eigenvalue)
+    # Under `vmap` every mode is summed one by one: nothing is known of z.
+    disc = disc if disc is not None and disc.holds(own) else own
     first, last = (0, n) if disc is None else _near(eigenvalue.detach(), *disc)
+    if n - (last - first) <= n_term:
+        first, last = 0, n
     pairs = (left[..., :, None, :] * right[..., None, :, :]).flatten(-3, -2)
     # Where all members have the same modes and rows, they are one long row of lines.
     alike = eigenvalue.ndim == 1 and pairs.ndim == 2
@@ -85,8 +119,10 @@ def attach(
         stiffness: D of each term, in the units of 1 / G.
     """
     for force in stiffness:
-        column, row = found[1:, :1], found[:1, 1:] * (force / (1 + force * found[0, 0]))
-        found = torch.addcmul(found[1:, 1:], column, row, value=-1)
+        # Split, not sliced: the backward of a slice fills the rest with zeros.
+        top, bottom = found.split((1, len(found) - 1))
+        (own, row), (column, rest) = (part.split((1, part.shape[1] - 1), dim=1) for part in (top, bottom))
+        found = torch.addcmul(rest, column, row * (force / (1 + force * own)), value=-1)
     return found
 
 
@@ -116,17 +152,3 @@ def _near(eigenvalue: Tensor, centre: float, half: float) -> tuple[int, int]:
     reach = 0.5 * (RHO + 1 / RHO) * half
     below, within = (eigenvalue < centre - reach).sum(-1), (eigenvalue <= centre + reach).sum(-1)
     return int(below.min()), int(within.max())
-
-
-def _disc(eigenvalue: Tensor, z: Tensor) -> tuple[float, float] | None:
-    """Centre and half width of the stretch of the real axis that z is near to.
-
-    None under `vmap`, where nobody may look: every mode is then summed one by one.
-    """
-    try:
-        x, y, highest = z.detach().real, z.detach().imag, float(eigenvalue.detach().amax())
-        low, high, off = float(x.amin()), float(x.amax()), float(y.abs().amax())
-    except RuntimeError:
-        return None
-    # A single line has no width of its own.
-    return 0.5 * (low + high), max(0.5 * (high - low), WIDENED * off, 1e-3 * abs(high), 1e-9 * highest)

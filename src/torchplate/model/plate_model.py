@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torchplate.effects import Effect, Plate, SensorChain
 from torchplate.model.frf import KINDS, as_kind, direct_receptance, joined, laplace_lines, lines_at_once
 from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
+from torchplate.model.modal_sum import MEMBERS_AT_ONCE
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
 from torchplate.model.parameter_space import ParameterSpace, Searched
 from torchplate.model.shared_modes import SharedModes
@@ -340,7 +341,12 @@ class PlateModel(nn.Module):
         return load[..., None, :]
 
     def _chunks(self, theta: Tensor) -> Iterator[Tensor]:
-        """Members that fit half of the memory with their matrices and modes."""
+        """Members that fit half of the memory with their matrices and modes, on a CPU at most as many as pay."""
         flat = theta.reshape(theta.shape[:-1].numel(), theta.shape[-1])
-        per_member = 8 * theta.element_size() * self.assembly.size**2
-        return iter(flat.split(max(1, self.memory // 2 // per_member)))
+        fitting = self.memory // 2 // (8 * theta.element_size() * self.assembly.size**2)
+        if self.shared_modes is not None:
+            fitting = max(fitting, MEMBERS_AT_ONCE)
+        if theta.device.type == "cpu":
+            fitting = min(fitting, MEMBERS_AT_ONCE)
+        # A power of two, so that a member has the same place in its chunk if the batch is parted at one.
+        return iter(flat.split(1 << max(0, fitting.bit_length() - 1)))

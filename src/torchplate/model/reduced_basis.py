@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.quasirandom import SobolEngine
 
 from torchplate.model import fine_mesh
-from torchplate.model.basis_error import basis_error, estimated_error
+from torchplate.model.error_estimate import basis_error, estimated_error
 from torchplate.model.fine_mesh import SparseModel
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.shared_modes import find_shared_modes

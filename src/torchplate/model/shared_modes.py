@@ -19,9 +19,9 @@ from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
 from torchplate.model.frf import joined, stack_rows
-from torchplate.model.modal_sum import CACHED, CLOSE, N_FEATURE, attach, modal_sum, terms_first
+from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, attach, modal_sum, terms_first
 from torchplate.model.modes import solve_modes
-from torchplate.plate import Assembly, Plan
+from torchplate.plate import Assembly, Plan, Proportional
 from torchplate.plate.assemble import concatenate
 
 # Attaching terms one after the other costs the square of their number; with more, one `eigh` each is cheaper.
@@ -56,7 +56,7 @@ class Attached(NamedTuple):
             if value is not None:
                 own = terms_first(value, z.ndim - 1)
                 total = total + (own if weight is None else own * weight)
-        return total
+        return total.expand(len(total), *z.shape)
 
 
 class SharedModes(nn.Module):
@@ -65,6 +65,7 @@ class SharedModes(nn.Module):
     Args:
         eigenvalue: λ of (K₀, M₀) in the assembly's basis, whose vectors are the modes, lowest first [rad²/s²].
         nominal: what K₀ and M₀ were assembled from.
+        ends: m/e and the four kinds of damping of members at the ends of the box, which tell where z may be.
     """
 
     eigenvalue: Tensor
@@ -72,8 +73,9 @@ class SharedModes(nn.Module):
     mass: Tensor
     spring: Tensor
     lump: Tensor
+    ends: Tensor
 
-    def __init__(self, eigenvalue: Float[Tensor, " n"], nominal: Nominal) -> None:
+    def __init__(self, eigenvalue: Float[Tensor, " n"], nominal: Nominal, ends: Float[Tensor, "5 n_end"]) -> None:
         super().__init__()
         # One entry tells the factor of all: the largest is never one that vanishes.
         self.entry = divmod(int(nominal.stiffness.abs().argmax()), nominal.stiffness.shape[-1])
@@ -83,6 +85,7 @@ class SharedModes(nn.Module):
             "mass": nominal.mass.flatten()[0],
             "spring": nominal.spring,
             "lump": nominal.lump,
+            "ends": ends,
         }
         for name, value in parts.items():
             self.register_buffer(name, value, persistent=False)
@@ -110,13 +113,20 @@ class SharedModes(nn.Module):
         attached = self._attached(assembly, plan, e, m)
         sides = [stack_rows(attached.row, side) for side in (left, right)]
         parts = []
-        for s in laplace.split(max(1, CACHED // (N_FEATURE * e.numel())), dim=-1):
+        for s in laplace.split(LINES_AT_ONCE if laplace.device.type == "cpu" else laplace.shape[-1], dim=-1):
             kappa, mu = damping.at(s)
             flexibility = 1 / (e[..., None] * kappa)
             z = -m[..., None] * mu * flexibility
-            found = modal_sum(self.eigenvalue, sides[0], sides[1], z, CLOSE)
+            found = modal_sum(self.eigenvalue, sides[0], sides[1], z, self._expected(s), CLOSE)
             parts.append(attach(found, attached.stiffness(z, s * flexibility)) * flexibility)
         return joined(parts, -1).movedim((0, 1), (-2, -1))
+
+    def _expected(self, laplace: Tensor) -> Disc | None:
+        """Where z of a block of lines may be; not known where the sensor chain bends s itself."""
+        if laplace.ndim > 1:
+            return None
+        kappa, mu = Proportional(*self.ends[1:]).at(laplace)
+        return Disc.around(-self.ends[0, :, None] * mu / kappa, self.eigenvalue)
 
     def _attached(self, assembly: Assembly, plan: Plan, e: Tensor, m: Tensor) -> Attached:
         """All terms; a mass over m and a spring over e, so that what M₀ and K₀ hold of them is the same for all."""
@@ -152,12 +162,14 @@ def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple
     if members.section.loss_factor is not None or sum(term.vector.shape[-2] for term in members.terms) > MOST_TERMS:
         return None
     coefficients = [_coefficients(assembly, plan) for plan in (nominal, members)]
+    factors = []
     for one, many in zip(*coefficients, strict=True):
         largest = one.abs().flatten().argmax()
         factor = many.flatten(-2)[..., largest, None] / one.flatten()[largest]
         error = (many.flatten(-2) - factor * one.flatten()).abs()
         if bool((error > ALIKE * (factor * one.flatten()[largest]).abs()).any()):
             return None
+        factors.append(factor[..., 0])
     stiffness = assembly.stiffness(nominal.section.rigidity, nominal.geometry)
     mass = assembly.mass(nominal.section.areal_mass, nominal.geometry)
     spring, lump = [], []
@@ -172,4 +184,9 @@ def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple
     modes = solve_modes(stiffness, mass)
     nothing = stiffness.new_zeros(0)
     whole = Nominal(*coefficients[0], torch.cat([nothing, *spring]), torch.cat([nothing, *lump]))
-    return modes.shape, SharedModes(modes.eigenvalue, whole)
+    parts = torch.broadcast_tensors(
+        factors[1] / factors[0], *(torch.as_tensor(part).to(mass) for part in assembly.proportional(members.damping))
+    )
+    every = torch.stack([part.reshape(-1) for part in parts])
+    ends = torch.cat([every.argmin(1), every.argmax(1)]).unique()
+    return modes.shape, SharedModes(modes.eigenvalue, whole, every[:, ends])

@@ -5,8 +5,9 @@
 - `differential_evolution` (the ten classic variants), with `mutation`, `crossover`, `bounds` and `draws`, its parts;
   `jde`, `sade`, `l_shade`: those that set F, CR, strategy or population size themselves.
 - `artificial_bee_colony`: employed bees, onlookers, scouts.
+- `sharded`: an objective that the processes of a torch.distributed group evaluate together.
 - `least_squares`, with `jacobian` and `least_squares_outcome`: bounded Levenberg-Marquardt, many starts in one batch;
-  not an optimiser of the registry, for it needs residuals.
+  not an optimiser of the registry, for it needs residuals. `many_starts`: a search of the whole cube by it.
 
 A new optimiser is one file with a frozen dataclass `class Mine(Optimizer[MineState], name="mine")` and one
 line below; the registry, the generic tests and whatever lists the optimisers follow.
@@ -20,10 +21,12 @@ from torchplate.search.jde import Jde
 from torchplate.search.l_shade import LShade
 from torchplate.search.least_squares import least_squares
 from torchplate.search.least_squares_outcome import LeastSquaresOutcome, LeastSquaresProgress, LeastSquaresStatus
+from torchplate.search.many_starts import LeastSquares, least_squares_from_many_starts
 from torchplate.search.minimization import Objective, minimize
 from torchplate.search.optimizer import OPTIMIZERS, Candidates, Optimizer, State, optimizer_named
 from torchplate.search.outcome import Checkpoint, Outcome, Progress, Status
 from torchplate.search.sade import Sade
+from torchplate.search.sharded import RankLost, RanksDiffer, ShardedObjective, ShardingError
 
 __all__ = [
     "BOUNDS",
@@ -36,6 +39,7 @@ __all__ = [
     "DifferentialEvolution",
     "Jde",
     "LShade",
+    "LeastSquares",
     "LeastSquaresOutcome",
     "LeastSquaresProgress",
     "LeastSquaresStatus",
@@ -43,10 +47,15 @@ __all__ = [
     "Optimizer",
     "Outcome",
     "Progress",
+    "RankLost",
+    "RanksDiffer",
     "Sade",
+    "ShardedObjective",
+    "ShardingError",
     "State",
     "Status",
     "least_squares",
+    "least_squares_from_many_starts",
     "minimize",
     "optimizer_named",
 ]

@@ -148,7 +148,7 @@ def _begin(
             )
         if not bool(((population >= 0.0) & (population <= 1.0)).all()):
             raise ValueError("initial must lie on the unit cube, got members outside [0, 1]. Scale it first.")
-    state = optimizer.init(population, _evaluated(objective, population))
+    state = optimizer.init(population, evaluated(objective, population))
     batch = shape[:-2]
     zero = torch.zeros(batch, dtype=torch.int64, device=device)
     ledger = _Ledger(zero + shape[-2], zero, zero + _RUNNING, zero, state.best_objective)
@@ -171,7 +171,7 @@ def _phase(
     running = ledger.running
     candidates = candidates._replace(active=candidates.active & running.unsqueeze(-1))
     if bool(candidates.active.any()):
-        fitness = _evaluated(objective, candidates.position)
+        fitness = evaluated(objective, candidates.position)
     else:
         fitness = candidates.position.new_full(candidates.active.shape, torch.inf)
     return optimizer.tell(asked, candidates, fitness), ledger._replace(
@@ -179,7 +179,12 @@ def _phase(
     )
 
 
-def _evaluated(objective: Objective, position: Tensor) -> Tensor:
+def evaluated(objective: Objective, position: Tensor) -> Tensor:
+    """What an objective says of some places, in their dtype; NaN is +inf.
+
+    Raises:
+        ValueError: The objective does not return one real number for each place.
+    """
     fitness = objective(position)
     if fitness.shape != position.shape[:-1]:
         raise ValueError(

@@ -6,6 +6,8 @@ from typing import NamedTuple
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from torchplate.search.least_squares_outcome import LeastSquaresStatus
+
 Checkpoint = dict[str, Tensor]
 """All that a search needs to go on: tensors only, so that `torch.load(..., weights_only=True)` reads it."""
 
@@ -49,7 +51,7 @@ class Outcome(NamedTuple):
     best_objective: Float[Tensor, "*batch"]
     n_evaluation: Int[Tensor, "*batch"]
     n_generation: Int[Tensor, "*batch"]
-    status: tuple[Status, ...]
+    status: tuple[Status | LeastSquaresStatus, ...]
     population: Float[Tensor, "*batch n_member n_dimension"]
     fitness: Float[Tensor, "*batch n_member"]
 

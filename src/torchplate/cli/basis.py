@@ -1,0 +1,78 @@
+"""The basis in which a run searches: chosen, confirmed at the best member, enriched or given up where it is wrong."""
+
+import torch
+from rich.console import Console
+from torch import Tensor
+
+from torchplate.cli.build import Run
+from torchplate.cli.population import polished
+from torchplate.discrepancy import Objective
+from torchplate.model import DENSE, basis_error, estimated_error, reduce
+from torchplate.search import Outcome
+
+# Relative FRF norm, or relative error of a natural frequency, beyond which a basis is not believed.
+TOLERANCE = 1e-4
+# Members of the last population, the best first, whose error in the basis is estimated.
+N_ESTIMATED = 8
+
+
+def in_reduced_basis(recipe: Run, objective: Objective, console: Console) -> Objective:
+    """The same objective in a reduced basis, where one is worth it and good enough."""
+    model = objective.model
+    if recipe.config.search.basis == "full" or (not model.names and model.assembly.size <= DENSE):
+        return objective
+    small = reduce(model, *wanted(objective))
+    if small is None:
+        return objective
+    vectors = "vectors" if small[0].shared_modes is None else "modes that all members share"
+    console.print(
+        f"  {model.assembly.size} dofs in {small[0].assembly.size} {vectors}: "
+        f"error at most {small[1]:.0e} on members they were not built from"
+    )
+    return objective.of(small[0])
+
+
+@torch.no_grad()
+def confirmed(
+    objective: Objective, searched: Objective, outcome: Outcome, console: Console
+) -> tuple[Objective, Outcome]:
+    """The best member is held against the full model; a basis that is wrong there takes it in, or is given up.
+
+    The outcome is then finished by least squares in the better basis, since the optimum has moved by no more than what
+    the basis was wrong by.
+    """
+    space = objective.model.space
+    for more in (True, False):
+        best = space.to_si(outcome.best_position[outcome.best_objective.argmin()])[None]
+        error = basis_error(objective.model, searched.model, best, *wanted(objective))
+        if error <= TOLERANCE:
+            break
+        enriched = reduce(objective.model, *wanted(objective), also=best) if more else None
+        if enriched is None and objective.model.assembly.size > DENSE:
+            break
+        console.print(
+            f"  the reduced basis is {error:.0e} wrong at the best member: "
+            f"{'it takes that member in' if enriched else 'all dofs from here'}"
+        )
+        searched = objective if enriched is None else objective.of(enriched[0])
+        again = outcome._replace(best_objective=searched(space.to_si(outcome.best_position)))
+        outcome = polished(searched, again, console)
+        if searched is objective:
+            break
+    return searched, outcome
+
+
+def wanted(objective: Objective) -> tuple[Tensor | None, int]:
+    """Lines at which FRFs must be right, and the number of natural frequencies that must be."""
+    frfs, table = objective.evidence.measurement, objective.evidence.natural_frequencies
+    return None if frfs is None else frfs.frequency, 0 if table is None else int(table.mode.max())
+
+
+def estimated(objective: Objective, searched: Objective, outcome: Outcome | None) -> float | None:
+    """The greatest estimated error of FRFs among the best members of the last population."""
+    lines = wanted(objective)[0]
+    if outcome is None or lines is None:
+        return None
+    order = outcome.fitness.flatten().argsort()[:N_ESTIMATED]
+    members = objective.model.space.to_si(outcome.population.flatten(0, -2)[order])
+    return float(estimated_error(objective.model, searched.model, members, lines).max())

@@ -1,0 +1,70 @@
+"""The estimated error of a reduced model, member by member, beside the true one."""
+
+import pytest
+import torch
+
+from torchplate.model import Searched, basis_error, error_estimate, estimated_error, fine_mesh
+from torchplate.model.reduced_basis import _basis
+from torchplate.plate import Mesh
+
+BOX = {
+    "plate.youngs_modulus": Searched(5.8e10, 8.3e10),
+    "plate.poisson_ratio": Searched(0.28, 0.36),
+    "wires.stiffness": Searched(300.0, 4000.0, True),
+    "loss.stiffness_loss_factor": Searched(2e-3, 2e-2),
+}
+MESHES = {"rectangle": Mesh(0.7, 0.4, 8, 6), "square": Mesh(0.48, 0.48, 7, 7)}
+
+
+def made(plates, mesh: Mesh, kind: str = "accelerance", margin: float = 1.3):
+    model = plates.build(
+        mesh, {}, BOX, response=[3, (0.61, 0.37)], reference=None if kind == "transmissibility" else [8, 12], kind=kind
+    )
+    frequency = torch.linspace(0.3, 7.0, 160, dtype=torch.float64) * plates.first_bending(mesh)
+    middle = model.space.to_si(torch.full((1, len(model.names)), 0.5, dtype=torch.float64))
+    reduced = model.projected(_basis(model, middle, frequency, 0, margin))
+    generator = torch.Generator().manual_seed(3)
+    theta = model.space.to_si(torch.rand(7, len(model.names), generator=generator, dtype=torch.float64))
+    return model, reduced, theta, frequency
+
+
+def true_error(model, reduced, theta, frequency) -> torch.Tensor:
+    """Of each member's worst FRF, against a direct solve at every line."""
+    full = model.frf_direct(theta, frequency)
+    return ((reduced.frf(theta, frequency) - full).norm(dim=1) / full.norm(dim=1)).amax((-2, -1))
+
+
+@pytest.mark.parametrize("mesh", MESHES.values(), ids=list(MESHES))
+@pytest.mark.parametrize("kind", ["receptance", "accelerance"])
+@pytest.mark.parametrize("margin", [1.1, 2.0])
+def test_the_estimate_is_of_the_size_of_the_error(plates, mesh: Mesh, kind: str, margin: float) -> None:
+    model, reduced, theta, frequency = made(plates, mesh, kind, margin)
+    ratio = estimated_error(model, reduced, theta, frequency) / true_error(model, reduced, theta, frequency)
+    # The nominal plate's static flexibility stands for that of every member and line: E differs by 1.2 either way, and
+    # modes just above the band are up to 1 / (1 − 1 / margin²) more flexible than their statics say.
+    assert float(ratio.min()) > 0.3
+    assert float(ratio.max()) < 3.0
+
+
+def test_a_shaken_plate_has_an_estimate_too(plates) -> None:
+    mesh = Mesh(0.7, 0.4, 8, 6, edges={"x0": "clamped"})
+    model, reduced, theta, frequency = made(plates, mesh, "transmissibility", 1.1)
+    ratio = estimated_error(model, reduced, theta, frequency) / true_error(model, reduced, theta, frequency)
+    assert float(ratio.min()) > 0.3
+    assert float(ratio.max()) < 3.0
+
+
+def test_members_far_from_what_the_basis_was_built_for_stand_out(plates) -> None:
+    model, reduced, theta, frequency = made(plates, MESHES["rectangle"], margin=2.0)
+    estimate, true = estimated_error(model, reduced, theta, frequency), true_error(model, reduced, theta, frequency)
+    assert int(estimate.argmax()) == int(true.argmax())
+
+
+@pytest.mark.parametrize("dense", [1000, 10])
+def test_the_measured_error_is_the_worst_of_the_members(plates, monkeypatch, dense: int) -> None:
+    monkeypatch.setattr(fine_mesh, "DENSE", dense)
+    monkeypatch.setattr(error_estimate, "N_LINE_CHECKED", 160)
+    model, reduced, theta, frequency = made(plates, MESHES["square"])
+    found = basis_error(model, reduced, theta, frequency)
+    # Modal sum and sparse solves agree with the direct solve to 1e-8.
+    assert found == pytest.approx(float(true_error(model, reduced, theta, frequency).max()), rel=1e-4)
