@@ -98,7 +98,7 @@ def test_the_adjoint_solves_for_the_shorter_side(monkeypatch: pytest.MonkeyPatch
         return sound(impedance, weight, rows)
 
     monkeypatch.setattr(gradient, "solve", solve)
-    given = problem((2,), n_dashpot=2, hysteretic=False, repeated=False)
+    given = problem((2,), n_dashpot=2, hysteretic=True, repeated=False)
     for sides in (given[-2:], given[:-3:-1]):
         stiffness = given[0].clone().requires_grad_()
         evaluate(stiffness, *given[1:-2], *sides).abs().sum().backward()

@@ -21,7 +21,7 @@ N_PEER = 4
 
 
 @torch.no_grad()
-def slopes(n_repeat: int = 5) -> dict[str, Any]:
+def slopes(n_repeat: int = 3) -> dict[str, Any]:
     """Seconds for each value of each axis, the others as in the paper's problem; and what fine meshes cost."""
     lines = _lines(800)
     table: dict[str, Any] = {"mesh": _meshes(n_repeat)}

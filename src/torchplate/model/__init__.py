@@ -3,7 +3,7 @@
 - `parameter_space`: what is searched; the unit cube against SI units.
 - `modes`: batched natural frequencies and mode shapes.
 - `frf`: receptances by modal sum, exact for local dashpots, and the direct solve that referees them.
-- `gradient`: their derivatives, exact where natural frequencies repeat too; `impedance`: the algebra below them.
+- `gradient`: their derivatives, exact where natural frequencies repeat too; `impedance`, `loewner`: below them.
 - `fine_mesh`: one member in sparse matrices, where dense ones would be too large.
 - `reduced_basis`: a small basis for the whole box of the searched parameters.
 - `error_estimate`: how wrong it is, measured or estimated, member by member.

@@ -21,7 +21,7 @@ from torchplate.model.plate_model import PlateModel
 # Lines over the band at which a fine mesh is checked against the full model, or a residual is taken.
 N_LINE_CHECKED = 8
 # Lines of the highest motion at which a residual is taken.
-N_PEAK = 32
+N_PEAK, N_PEAK_FINE = 32, 8
 
 
 @torch.no_grad()
@@ -78,9 +78,10 @@ def estimated_error(
     """
     middle = model.space.to_si(torch.full((len(model.names),), 0.5).to(model.known))
     nominal, errors = SparseModel(model, middle), []
+    n_peak = N_PEAK if model.assembly.size <= fine_mesh.DENSE else N_PEAK_FINE
     for member, frf in zip(theta, reduced.frf(theta, frequency), strict=True):
         order = frf.abs().square().sum((-2, -1)).argsort(descending=True)
-        peaks, rest = order[:N_PEAK], order[N_PEAK:].sort().values
+        peaks, rest = order[:n_peak], order[n_peak:].sort().values
         some = rest[_spread(len(rest)).to(rest)]
         lines = torch.cat([peaks, some])
         own = SparseModel(model, member)

@@ -62,7 +62,9 @@ class SparseModel:
                 value, shape = value[order], shape[:, order]
                 if value[-1] > (2 * np.pi * frequency) ** 2 or count == n - 2:
                     break
-                count = 2 * count
+                # Modes of a plate are evenly spaced in frequency: the wanted number, and some more.
+                reached = float(value[-1].clip(min=1.0) ** 0.5 / (2 * np.pi))
+                count = max(count + 10, int(1.15 * count * frequency / reached))
         like = self.model.known
         return Modes(torch.from_numpy(value).to(like), torch.from_numpy(np.ascontiguousarray(shape)).to(like))
 

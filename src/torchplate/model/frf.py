@@ -21,12 +21,8 @@ from torchplate.plate import Proportional, System
 
 KINDS = ("receptance", "mobility", "accelerance", "transmissibility")
 DERIVATIVE = {"receptance": 0, "mobility": 1, "accelerance": 2}
-# Numbers of an array [member, line, row, mode] that a CPU's cache holds beside what is made of them.
-ADJOINT_CACHED = 2**18
 # Dofs up to which batches of complex matrices are seen to be right with any number of threads.
 SOLVED_TOGETHER = 100
-# Fewer lines at once do not pay for the [member, mode, mode] gradients that each part of the lines adds up.
-ADJOINT_LINES = 32
 
 
 def modal_denominator(
@@ -88,20 +84,16 @@ def receptance(
     """
     if hysteretic is not None:
         return _solve_modal(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, hysteretic)
-    kappa, mu = proportional.at(laplace)
-    flexibility = 1 / kappa
-    shape = torch.broadcast_shapes(
-        eigenvalue.shape[:-1],
-        response.shape[:-2],
-        reference.shape[:-2],
-        viscous.shape[:-1],
-        kappa.shape[:-1],
-        mu.shape[:-1],
-    )
-    z = (-mu * flexibility).expand(*shape, laplace.shape[-1])
-    found = modal_sum(eigenvalue, stack_rows(dashpot, response), stack_rows(dashpot, reference), z)
-    force = terms_first(viscous, len(shape)) * (laplace * flexibility)
-    return (attach(found, force) * flexibility).movedim((0, 1), (-2, -1))
+    left, right = stack_rows(dashpot, response), stack_rows(dashpot, reference)
+    parts = []
+    for s in laplace.split(LINES_AT_ONCE if laplace.device.type == "cpu" else laplace.shape[-1], dim=-1):
+        kappa, mu = proportional.at(s)
+        flexibility, sizes = 1 / kappa, (eigenvalue.shape[:-1], left.shape[:-2], right.shape[:-2], viscous.shape[:-1])
+        shape = torch.broadcast_shapes(*sizes, kappa.shape[:-1], mu.shape[:-1])
+        found = modal_sum(eigenvalue, left, right, (-mu * flexibility).expand(*shape, s.shape[-1]))
+        force = terms_first(viscous, len(shape)) * (s * flexibility)
+        parts.append(attach(found, force) * flexibility)
+    return joined(parts, -1).movedim((0, 1), (-2, -1))
 
 
 def direct_receptance(
@@ -155,19 +147,15 @@ def as_kind(
 
 
 def lines_at_once(memory: int, n_member: int, left: Tensor, right: Tensor, system: System) -> int:
-    """Lines that fit the memory [bytes], and on a CPU whose modal sums stay in its cache."""
+    """Lines that fit the memory [bytes]."""
     n_dashpot, n_mode = system.dashpot.shape[-2:]
     pairs = (left.shape[-2] + n_dashpot) * (right.shape[-2] + n_dashpot)
     numbers = 6 * n_mode + 6 * pairs
     if system.hysteretic is not None:
         numbers += 6 * n_mode**2
-    cached = LINES_AT_ONCE
     if torch.is_grad_enabled():
-        n_solved = 2 * min(left.shape[-2], right.shape[-2])
-        numbers += 10 * n_solved * n_mode
-        cached = max(ADJOINT_LINES, ADJOINT_CACHED // (n_member * n_mode * n_solved))
-    fitting = memory // (n_member * left.element_size() * numbers)
-    return max(1, min(fitting, cached) if left.device.type == "cpu" else fitting)
+        numbers += 20 * min(left.shape[-2], right.shape[-2]) * n_mode
+    return max(1, memory // (n_member * left.element_size() * numbers))
 
 
 def joined(parts: Sequence[Tensor], dim: int) -> Tensor:

@@ -28,6 +28,7 @@ from torch.nn.functional import pad
 
 from torchplate.model.frf import receptance, stack_rows
 from torchplate.model.impedance import Impedance, adjoint_gradient, change_times, conjugate, contract, solve, times
+from torchplate.model.loewner import receptance_gradient
 from torchplate.model.modes import Modes, solve_modes
 from torchplate.plate import System
 
@@ -188,6 +189,9 @@ class _Receptance(Function):
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         left, right, *inputs = ctx.saved_tensors
         impedance = Impedance(*inputs)
+        if impedance.hysteretic is None and not torch.is_grad_enabled():
+            # Nobody will differentiate the derivative.
+            return receptance_gradient(impedance, left, right, grad, ctx.needs_input_grad)
         # Z is symmetric, so either side may be the adjoint one: the fewer columns, the less to solve for.
         exchanged = left.shape[-2] < right.shape[-2]
         if exchanged:

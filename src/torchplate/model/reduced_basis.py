@@ -16,7 +16,7 @@ from torchplate.model import fine_mesh
 from torchplate.model.error_estimate import basis_error, estimated_error
 from torchplate.model.fine_mesh import SparseModel
 from torchplate.model.plate_model import PlateModel
-from torchplate.model.shared_modes import find_shared_modes
+from torchplate.model.shared_modes import factors, find_shared_modes
 
 # Modes up to this multiple of the band's end are kept, round by round; higher ones act through their static residual.
 MARGIN = (2.0, 3.0, 4.5)
@@ -26,7 +26,7 @@ CLUSTER = 1e-2
 INDEPENDENT = 1e-11
 # Members compared with the full model in each round, and members whose error is estimated once these are right.
 N_CHECKED = 4
-N_ESTIMATED = 16
+N_ESTIMATED, N_ESTIMATED_FINE = 16, 4
 
 
 @torch.no_grad()
@@ -52,10 +52,17 @@ def reduce(
         as the tolerance. Where all members share their modes it holds those: see `shared_modes`.
     """
     build, probes, more = _members(model)
+    everyone = torch.cat([build, *probes, more])
+    fine = model.assembly.size > fine_mesh.DENSE
+    if fine:
+        # Solves of a fine mesh are dear: one member is compared, and fewer are estimated.
+        probes, more = [probe[:1] for probe in probes], more[:N_ESTIMATED_FINE]
+    if factors(model.assembly, model.plan(build[0]), model.plan(everyone)) is not None:
+        # All have the modes of the first.
+        build = build[:1]
     if also is not None:
         build = torch.cat([build, also])
-    everyone = torch.cat([build, *probes, more])
-    if frequency is not None and not n_mode and model.assembly.size <= fine_mesh.DENSE:
+    if frequency is not None and not n_mode and not fine:
         # Shared modes are not solved for again: then all of them cost as little as a few.
         whole = _sharing(model, model, everyone)
         if whole is not None and (error := basis_error(model, whole, probes[0], frequency)) <= tolerance:

@@ -151,8 +151,10 @@ def _coefficients(assembly: Assembly, plan: Plan) -> tuple[Tensor, Tensor]:
     )
 
 
-def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple[Tensor, SharedModes] | None:
-    """The modes that all members share, as combinations of the assembly's vectors [n, n]; None where they share none.
+def factors(assembly: Assembly, nominal: Plan, members: Plan) -> tuple[Tensor, Tensor] | None:
+    """Stiffness and mass factor of all members; None where they are no multiples of the nominal plate.
+
+    Members to which too much is attached count as none: an `eigh` for each is then cheaper.
 
     Args:
         assembly: in all dofs or in a basis.
@@ -161,15 +163,28 @@ def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple
     """
     if members.section.loss_factor is not None or sum(term.vector.shape[-2] for term in members.terms) > MOST_TERMS:
         return None
-    coefficients = [_coefficients(assembly, plan) for plan in (nominal, members)]
-    factors = []
-    for one, many in zip(*coefficients, strict=True):
+    found = []
+    for one, many in zip(_coefficients(assembly, nominal), _coefficients(assembly, members), strict=True):
         largest = one.abs().flatten().argmax()
         factor = many.flatten(-2)[..., largest, None] / one.flatten()[largest]
         error = (many.flatten(-2) - factor * one.flatten()).abs()
         if bool((error > ALIKE * (factor * one.flatten()[largest]).abs()).any()):
             return None
-        factors.append(factor[..., 0])
+        found.append(factor[..., 0])
+    return found[0], found[1]
+
+
+def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple[Tensor, SharedModes] | None:
+    """The modes that all members share, as combinations of the assembly's vectors [n, n]; None where they share none.
+
+    Args:
+        assembly: in all dofs or in a basis.
+        nominal: one member.
+        members: a batch of them, wide enough to show what moves.
+    """
+    found = factors(assembly, nominal, members)
+    if found is None:
+        return None
     stiffness = assembly.stiffness(nominal.section.rigidity, nominal.geometry)
     mass = assembly.mass(nominal.section.areal_mass, nominal.geometry)
     spring, lump = [], []
@@ -183,9 +198,9 @@ def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple
         stiffness, mass = stiffness + row.mT @ (spring[-1][:, None] * row), mass + row.mT @ (lump[-1][:, None] * row)
     modes = solve_modes(stiffness, mass)
     nothing = stiffness.new_zeros(0)
-    whole = Nominal(*coefficients[0], torch.cat([nothing, *spring]), torch.cat([nothing, *lump]))
+    whole = Nominal(*_coefficients(assembly, nominal), torch.cat([nothing, *spring]), torch.cat([nothing, *lump]))
     parts = torch.broadcast_tensors(
-        factors[1] / factors[0], *(torch.as_tensor(part).to(mass) for part in assembly.proportional(members.damping))
+        found[1] / found[0], *(torch.as_tensor(part).to(mass) for part in assembly.proportional(members.damping))
     )
     every = torch.stack([part.reshape(-1) for part in parts])
     ends = torch.cat([every.argmin(1), every.argmax(1)]).unique()

@@ -1,0 +1,161 @@
+"""The gradient of receptances with respect to whole matrices, for little more than the receptances themselves.
+
+With Z = κ (A − z B) + s Uᵀ c U at A = diag λ, B = 1, every motion is a mix of few rows over the same denominators:
+x_k = Σ_b p_kb e_b / κ(λ − z), y_j likewise with q_ja, where the rows e are those of the dashpots (p_kt = −s c_t u_t·x_k
+are the forces they exert), of the responses and of the references. So the gradient of Re Σ w̄ α (w the incoming
+gradient) needs only, for each pair of rows and each mode,
+
+    S_ab(λ) = Σ_s v_ab(s) / (λ − z(s)),    v_ab = Σ_jk w̄_jk q_ja p_kb / κ,
+
+and with 1 / (λ_r − z)(λ_q − z) = −(1/(λ_r − z) − 1/(λ_q − z)) / (λ_r − λ_q) the gradient of A is a Loewner matrix of
+divided differences,
+
+    ∂A_rq = Re Σ_ab e_ar e_bq S_ab[λ_r, λ_q],    ∂B_rq = −Re Σ_ab e_ar e_bq (λ S_ab)[λ_r, λ_q]
+
+(Antoulas, Approximation of Large-Scale Dynamical Systems, 2005, section 4.5). Where two λ are so close that their
+difference has no digits, the divided difference is the derivative. No array of [line, row, mode, mode] is ever made.
+"""
+
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchplate.model.frf import stack_rows
+from torchplate.model.impedance import Impedance, conjugate
+from torchplate.model.modal_sum import LINES_AT_ONCE
+
+# Eigenvalues closer than this part of their distance to the nearest line: rounding costs 1e-16 / CLOSE of a difference,
+# and the derivative is CLOSE² off.
+CLOSE = 1e-5
+
+
+def receptance_gradient(
+    z: Impedance, left: Tensor, right: Tensor, grad: Tensor, needed: Any
+) -> tuple[Tensor | None, ...]:
+    """Gradients of Re Σ conj(grad) α with respect to left, right and all of the impedance, in this order.
+
+    Args:
+        z: the impedance, without losses of single elements.
+        left: modal deflections at the responses [*batch, n_response, n].
+        right: at the references.
+        grad: incoming, [*batch, n_frequency, n_response, n_reference].
+        needed: for left, right and each part of the impedance, whether its gradient is wanted.
+    """
+    need = dict(zip(("left", "right", *Impedance._fields), needed, strict=True))
+    rows, columns = stack_rows(z.dashpot, left), stack_rows(z.dashpot, right)
+    weight = conjugate(grad).movedim(-3, -1)
+    total, of_lines = None, []
+    at_once = LINES_AT_ONCE if grad.device.type == "cpu" else grad.shape[-3]
+    for s, own in zip(z.laplace.split(at_once, dim=-1), weight.split(at_once, dim=-1), strict=True):
+        part, of_line = _block(z._replace(laplace=s), rows, columns, own, need)
+        total = part if total is None else total.plus(part)
+        of_lines.append(of_line)
+    assert total is not None
+    n_dashpot = z.dashpot.shape[-2]
+    to_columns = (total.level * rows[..., :, None, :]).sum(-3)
+    to_rows = (total.level * columns[..., None, :, :]).sum(-2)
+    grads: dict[str, Tensor | None] = dict.fromkeys(need)
+    grads["left"], grads["right"] = to_rows[..., n_dashpot:, :], to_columns[..., n_dashpot:, :]
+    grads["dashpot"] = to_rows[..., :n_dashpot, :] + to_columns[..., :n_dashpot, :]
+    if need["stiffness"] or need["mass"]:
+        across = (total.slope * rows[..., :, None, :]).sum(-3), (total.slope * columns[..., None, :, :]).sum(-2)
+        divided = _Divided(z.eigenvalue, total.nearest, rows, columns)
+        grads["stiffness"] = divided(to_columns, to_rows, *across) if need["stiffness"] else None
+        if need["mass"]:
+            times = z.eigenvalue[..., None, :]
+            level = to_columns * times, to_rows * times
+            grads["mass"] = -divided(*level, to_columns + across[0] * times, to_rows + across[1] * times)
+    strain, inertia, motion = (torch.cat(parts, dim=-1) for parts in zip(*of_lines, strict=True))
+    s = z.laplace
+    grads["stiffness_loss_factor"], grads["stiffness_coefficient"] = strain.imag.sum(-1), -(s * strain).real.sum(-1)
+    grads["mass_loss_factor"], grads["mass_coefficient"] = inertia.imag.sum(-1), -(s * inertia).real.sum(-1)
+    grads["viscous"] = -(s[..., None, :] * motion).real.sum(-1)
+    if need["laplace"]:
+        rate = z.stiffness_coefficient[..., None] * strain + (z.mass_coefficient[..., None] + 2 * s) * inertia
+        grads["laplace"] = -conjugate(rate + (z.viscous[..., :, None] * motion).sum(-2))
+    return tuple(
+        found.sum_to_size(given.shape) if wanted and found is not None and given is not None else None
+        for found, given, wanted in zip(grads.values(), (left, right, *z), needed, strict=True)
+    )
+
+
+class _Sums(NamedTuple):
+    """What a block of lines adds up to, for each pair of rows and each mode."""
+
+    level: Tensor  # Re S [*batch, n_row, n_column, n]
+    slope: Tensor  # Re dS/dλ
+    nearest: Tensor  # distance of each λ to the nearest z [*batch, n]
+
+    def plus(self, other: "_Sums") -> "_Sums":
+        return _Sums(self.level + other.level, self.slope + other.slope, torch.minimum(self.nearest, other.nearest))
+
+
+def _block(
+    z: Impedance, rows: Tensor, columns: Tensor, weight: Tensor, need: dict[str, bool]
+) -> tuple[_Sums, tuple[Tensor, Tensor, Tensor]]:
+    """The sums of a block of lines; and at each line Σ w̄ yᵀAx, Σ w̄ yᵀx, and Σ w̄ (u·y)(u·x) of each dashpot."""
+    n_dashpot, shape = z.dashpot.shape[-2], (rows.shape[-2], columns.shape[-2])
+    kappa, mu = z.proportional.at(z.laplace)
+    pole = -mu / kappa
+    # Arrays are [*batch, row, column, line] here, features [*batch, mode, line].
+    apart, y = z.eigenvalue[..., :, None] - pole.real[..., None, :], pole.imag[..., None, :]
+    size = 1 / torch.addcmul(y * y, apart, apart)
+    real, imaginary = apart * size, y * size
+    once, twice = (real, imaginary), (real * real - imaginary * imaginary, 2 * real * imaginary)
+    pairs = (rows[..., :, None, :] * columns[..., None, :, :]).flatten(-3, -2)
+
+    def summed(feature: tuple[Tensor, Tensor]) -> Tensor:
+        return torch.complex(pairs @ feature[0], pairs @ feature[1]).unflatten(-2, shape) / kappa[..., None, None, :]
+
+    # Receptances between all rows, the dashpots' own too, first of the plate alone, then with its dashpots.
+    alone = whole = summed(once)
+    for index in range(n_dashpot):
+        gain = (z.laplace * z.viscous[..., index, None])[..., None, None, :]
+        column, row = whole[..., :, index : index + 1, :], whole[..., index : index + 1, :, :]
+        whole = whole - column * (row * (gain / (1 + gain * whole[..., index : index + 1, index : index + 1, :])))
+    force = (z.laplace[..., None, :] * z.viscous[..., None])[..., None, :]
+    by_column = whole[..., :n_dashpot, n_dashpot:, :]
+    by_row = whole[..., n_dashpot:, :n_dashpot, :].transpose(-3, -2)
+    # v κ: over the responses, and then the dashpots' rows from them.
+    own = torch.cat([-(weight[..., :, None, :, :] * (force * by_column)[..., None, :, :, :]).sum(-2), weight], dim=-2)
+    mixed = -((force * by_row)[..., :, :, None, :] * own[..., None, :, :, :]).sum(-3)
+    value = torch.cat([mixed, own], dim=-3) / kappa[..., None, None, :]
+    flat = value.flatten(-3, -2)
+
+    def gathered(feature: tuple[Tensor, Tensor]) -> Tensor:
+        return (flat.real @ feature[0].mT - flat.imag @ feature[1].mT).unflatten(-2, shape)
+
+    level = gathered(once)
+    slope = -gathered(twice) if need["stiffness"] or need["mass"] else level
+    inertia, strain = torch.zeros_like(pole), torch.zeros_like(pole)
+    if any(need[name] for name in (*Impedance._fields[4:8], "laplace")):
+        inertia = (value * summed(twice)).sum((-3, -2))
+        strain = (value * alone).sum((-3, -2)) + pole * inertia
+    motion = (weight[..., None, :, :, :] * by_row[..., :, :, None, :]).sum(-3)
+    motion = (motion * by_column).sum(-2)
+    return _Sums(level, slope, (1 / size.amax(-1)).sqrt()), (strain, inertia, motion)
+
+
+class _Divided(NamedTuple):
+    """Divided differences of what is known of S at every mode, summed over all pairs of rows."""
+
+    eigenvalue: Tensor
+    nearest: Tensor
+    rows: Tensor
+    columns: Tensor
+
+    def __call__(self, first: Tensor, second: Tensor, of_first: Tensor, of_second: Tensor) -> Tensor:
+        """Gradient [*batch, n, n].
+
+        Args:
+            first: Σ_a e_a S_ab for each column b, at each mode.
+            second: Σ_b S_ab e_b for each row a.
+            of_first: the same of S'.
+            of_second: likewise.
+        """
+        difference = self.eigenvalue[..., :, None] - self.eigenvalue[..., None, :]
+        close = difference.abs() < CLOSE * torch.minimum(self.nearest[..., :, None], self.nearest[..., None, :])
+        apart = (first.mT @ self.columns - self.rows.mT @ second) / torch.where(close, 1.0, difference)
+        together = 0.5 * (of_first.mT @ self.columns + self.rows.mT @ of_second)
+        return torch.where(close, together, apart)
