@@ -20,17 +20,19 @@ help:
 run: $(VENV)/.run
 	$(BIN)/python -m torchplate.cli.main_job
 
-# One thread: on small matrices the threads of two pools that share few cores wait for each other.
+# A process for each core takes the tests file by file, with one thread: on small matrices the threads of two pools that
+# share few cores wait for each other.
 test check: export OMP_NUM_THREADS = 1
+PARALLEL = -n auto --dist loadfile
 
 test: $(VENV)/.check
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PARALLEL)
 
 check: $(VENV)/.check
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest --doctest-modules src tests
+	$(BIN)/python -m pytest $(PARALLEL) --doctest-modules src tests
 
 paper: $(VENV)/.run
 	$(BIN)/python -m torchplate.cli.paper

@@ -6,6 +6,7 @@
 - `measurement`: what a sensor did read.
 - `search`: minimise on the unit cube; knows nothing of plates.
 - `discrepancy`: the gap between the two.
+- `bench`: how fast, beside what else there is.
 - `cli`: YAML in, `runs/` out.
 - `examples`: the FRF embedded in torch, to copy from; nothing here imports them.
 
@@ -19,7 +20,7 @@ The names below are public:
 from torchplate.cli.build import load_model
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import Measurement, read_measurement, write_uff
-from torchplate.model import PlateModel
+from torchplate.model import PlateModel, reduce
 from torchplate.search import (
     OPTIMIZERS,
     ArtificialBeeColony,
@@ -47,5 +48,6 @@ __all__ = [
     "load_model",
     "minimize",
     "read_measurement",
+    "reduce",
     "write_uff",
 ]

@@ -38,13 +38,15 @@ def bench(out: Path | None = None, parts: Sequence[str] = (), console: Console |
 
     Args:
         out: the folder; `runs/bench` if left out.
-        parts: of PARTS; all if left out.
+        parts: of PARTS, which take the place of what `bench.json` there holds of them; all if left out.
         console: where the tables go.
     """
     console, out = console or Console(), out or Path("runs/bench")
     out.mkdir(parents=True, exist_ok=True)
     n_core = os.cpu_count() or 1
-    result: dict[str, Any] = {
+    path = out / "bench.json"
+    result: dict[str, Any] = json.loads(path.read_text()) if parts and path.exists() else {}
+    result |= {
         "schema": "torchplate.bench/2",
         "versions": {name: version(name) for name in ("torch", "scipy", "numpy")},
         "n_core": n_core,
@@ -55,11 +57,12 @@ def bench(out: Path | None = None, parts: Sequence[str] = (), console: Console |
             found = _in_own_process(part, n_thread)
             result.setdefault(part, {})[str(n_thread)] = found
             SHOWN[part](found, console)
+            # A part that fails takes nothing with it.
+            path.write_text(json.dumps(result, indent=1) + "\n")
     _say_best(result, console)
-    (out / "bench.json").write_text(json.dumps(result, indent=1) + "\n")
     if "slopes" in result:
         slopes_figure(result["slopes"]["1"]).savefig(out / "slopes.png", dpi=110)
-    console.print(f"Written: {out / 'bench.json'}", soft_wrap=True)
+    console.print(f"Written: {path}", soft_wrap=True)
     return result
 
 
@@ -139,11 +142,8 @@ def _show_gradient(found: Sequence[Mapping[str, Any]], console: Console) -> None
 
 def _show_slopes(found: Mapping[str, Any], console: Console) -> None:
     for axis in ("mesh", "members", "lines", "FRFs"):
-        names = list(dict.fromkeys(name for row in found[axis] for name in row))
-        table = Table(*names, box=None, padding=(0, 1))
         for row in found[axis]:
-            table.add_row(*(f"{row[name]:.3g}" if name in row else "" for name in names))
-        console.print(table)
+            console.print("  " + ", ".join(f"{name} {value:.3g}" for name, value in row.items()), soft_wrap=True)
 
 
 def _show_memory(found: Mapping[str, Any], console: Console) -> None:

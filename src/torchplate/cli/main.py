@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.table import Table
 
-from torchplate.cli.bench import bench
+from torchplate.cli.bench import PARTS, bench
 from torchplate.cli.compare import compare
 from torchplate.cli.config import InputError
 from torchplate.cli.inspect import inspect
@@ -70,9 +70,12 @@ def _parser() -> argparse.ArgumentParser:
     verb.add_argument("--out", type=Path, help="folder of the figure (default: runs/inspect)")
     verb.set_defaults(verb=lambda a: inspect(a.file, a.out))
 
-    verb = verbs.add_parser("bench", help="one generation of the paper's problem, beside SciPy one candidate at a time")
+    verb = verbs.add_parser("bench", help="how fast, beside SciPy one candidate at a time; about a quarter of an hour")
     verb.add_argument("--out", type=Path, help="folder of bench.json (default: runs/bench)")
-    verb.set_defaults(verb=lambda a: bench(a.out))
+    verb.add_argument(
+        "--part", action="append", default=[], choices=list(PARTS), help="only this part (may be repeated)"
+    )
+    verb.set_defaults(verb=lambda a: bench(a.out, a.part))
 
     verb = verbs.add_parser("effects", help="the catalogue of effects")
     verb.set_defaults(verb=lambda _: effects(Console()))
@@ -89,14 +92,18 @@ def _run(parsed: argparse.Namespace) -> None:
 
 
 def effects(console: Console) -> None:
-    """Print the catalogue: every effect, its parameters, and what it shows in the data."""
+    """Print the catalogue: every effect, what it shows, its parameters and where a search looks for them."""
     for name, effect in CATALOGUE.items():
         console.print(f"[bold]{name}[/]  acts on {', '.join(sorted(effect.acts_on))}")
         console.print(Padding(effect.shows, (0, 0, 0, 2)))
         table = Table(box=None, show_header=False, padding=(0, 2))
+        for wrapped in (False, False, False, True, True):
+            table.add_column(no_wrap=not wrapped)
         for option in options(effect):
-            table.add_row(option, "", "", "fixed, never searched")
+            table.add_row(option, "", "", "", "fixed, never searched")
         for key, parameter in effect.parameters.items():
             neutral = "" if parameter.neutral is None else f"neutral {parameter.neutral:g}"
-            table.add_row(key, rf"\[{parameter.unit}]", neutral, parameter.meaning)
+            prior = "" if parameter.prior is None else parameter.prior.describe(parameter.unit)
+            table.add_row(key, rf"\[{parameter.unit}]", neutral, prior, parameter.meaning)
         console.print(table)
+    console.print("A, h, ρ, D: area, thickness, density and bending rigidity of the plate as it is in the model")

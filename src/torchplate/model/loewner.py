@@ -16,6 +16,8 @@ divided differences,
 difference has no digits, the divided difference is the derivative. No array of [line, row, mode, mode] is ever made.
 """
 
+import functools
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import torch
@@ -46,7 +48,7 @@ def receptance_gradient(
     rows, columns = stack_rows(z.dashpot, left), stack_rows(z.dashpot, right)
     weight = conjugate(grad).movedim(-3, -1)
     total, of_lines = None, []
-    at_once = LINES_AT_ONCE if grad.device.type == "cpu" else grad.shape[-3]
+    at_once = LINES_AT_ONCE // 2 if grad.device.type == "cpu" else grad.shape[-3]
     for s, own in zip(z.laplace.split(at_once, dim=-1), weight.split(at_once, dim=-1), strict=True):
         part, of_line = _block(z._replace(laplace=s), rows, columns, own, need)
         total = part if total is None else total.plus(part)
@@ -96,7 +98,9 @@ def _block(
 ) -> tuple[_Sums, tuple[Tensor, Tensor, Tensor]]:
     """The sums of a block of lines; and at each line Σ w̄ yᵀAx, Σ w̄ yᵀx, and Σ w̄ (u·y)(u·x) of each dashpot."""
     n_dashpot, shape = z.dashpot.shape[-2], (rows.shape[-2], columns.shape[-2])
+    n_response, n_reference = weight.shape[-3:-1]
     kappa, mu = z.proportional.at(z.laplace)
+    flexibility = (1 / kappa)[..., None, None, :]
     pole = -mu / kappa
     # Arrays are [*batch, row, column, line] here, features [*batch, mode, line].
     apart, y = z.eigenvalue[..., :, None] - pole.real[..., None, :], pole.imag[..., None, :]
@@ -106,21 +110,26 @@ def _block(
     pairs = (rows[..., :, None, :] * columns[..., None, :, :]).flatten(-3, -2)
 
     def summed(feature: tuple[Tensor, Tensor]) -> Tensor:
-        return torch.complex(pairs @ feature[0], pairs @ feature[1]).unflatten(-2, shape) / kappa[..., None, None, :]
+        return torch.complex(pairs @ feature[0], pairs @ feature[1]).unflatten(-2, shape) * flexibility
 
     # Receptances between all rows, the dashpots' own too, first of the plate alone, then with its dashpots.
     alone = whole = summed(once)
     for index in range(n_dashpot):
         gain = (z.laplace * z.viscous[..., index, None])[..., None, None, :]
         column, row = whole[..., :, index : index + 1, :], whole[..., index : index + 1, :, :]
-        whole = whole - column * (row * (gain / (1 + gain * whole[..., index : index + 1, index : index + 1, :])))
+        own = row * (gain / (1 + gain * whole[..., index : index + 1, index : index + 1, :]))
+        whole = torch.addcmul(whole, column, own, value=-1)
     force = (z.laplace[..., None, :] * z.viscous[..., None])[..., None, :]
     by_column = whole[..., :n_dashpot, n_dashpot:, :]
     by_row = whole[..., n_dashpot:, :n_dashpot, :].transpose(-3, -2)
-    # v κ: over the responses, and then the dashpots' rows from them.
-    own = torch.cat([-(weight[..., :, None, :, :] * (force * by_column)[..., None, :, :, :]).sum(-2), weight], dim=-2)
-    mixed = -((force * by_row)[..., :, :, None, :] * own[..., None, :, :, :]).sum(-3)
-    value = torch.cat([mixed, own], dim=-3) / kappa[..., None, None, :]
+    # v κ: over the responses, and then the dashpots' rows from them. Products are summed as they are made, since an
+    # array of lines by four kinds of rows would not stay in the cache.
+    pushed, pushing = force * by_column, force * by_row
+    read = torch.cat(
+        [-_sum(weight[..., :, k, None, :] * pushed[..., None, :, k, :] for k in range(n_reference)), weight], -2
+    )
+    mixed = -_sum(pushing[..., :, j, None, :] * read[..., j, None, :, :] for j in range(n_response))
+    value = torch.cat([mixed, read], dim=-3) * flexibility
     flat = value.flatten(-3, -2)
 
     def gathered(feature: tuple[Tensor, Tensor]) -> Tensor:
@@ -132,9 +141,16 @@ def _block(
     if any(need[name] for name in (*Impedance._fields[4:8], "laplace")):
         inertia = (value * summed(twice)).sum((-3, -2))
         strain = (value * alone).sum((-3, -2)) + pole * inertia
-    motion = (weight[..., None, :, :, :] * by_row[..., :, :, None, :]).sum(-3)
-    motion = (motion * by_column).sum(-2)
+    if need["viscous"] or need["laplace"]:
+        moved = _sum(weight[..., None, j, :, :] * by_row[..., :, j, None, :] for j in range(n_response))
+        motion = (moved * by_column).sum(-2)
+    else:
+        motion = by_column.sum(-2)
     return _Sums(level, slope, (1 / size.amax(-1)).sqrt()), (strain, inertia, motion)
+
+
+def _sum(parts: Iterable[Tensor]) -> Tensor:
+    return functools.reduce(torch.add, parts)
 
 
 class _Divided(NamedTuple):

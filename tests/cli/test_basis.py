@@ -1,0 +1,64 @@
+"""A run searches in a basis that it can trust, confirms its best member, and gives a wrong basis up."""
+
+import pytest
+
+from torchplate.cli import basis, run
+
+# Poisson's ratio makes every plate's modes its own; on this mesh a basis needs few of its 72 dofs up to 150 Hz.
+SEARCHED = ["plate.youngs_modulus", "plate.poisson_ratio"]
+SETTINGS = {
+    "mesh": {"length_x": 0.41, "length_y": 0.29, "n_x": 6, "n_y": 4},
+    "measurement.band": [8.0, 150.0],
+    "search.n_generation": 6,
+    "effects.plate.poisson_ratio": [0.25, 0.36],
+    "search.basis": "auto",
+    "effects.wires.nodes": [2, 8, 30],
+}
+
+
+@pytest.fixture
+def in_a_basis(bench):
+    def go(name: str, **changes):
+        return bench.run(["plate.youngs_modulus"], SETTINGS | changes, out=name)
+
+    return go
+
+
+def test_the_error_at_the_best_and_in_the_population_is_written_down(in_a_basis):
+    result = in_a_basis("trusted").result
+    assert 0 < result["basis_error"] <= basis.TOLERANCE
+    assert 0 < result["basis_error_of_population"] <= basis.TOLERANCE
+
+
+def test_a_search_by_shared_modes_ends_where_one_on_all_dofs_does(bench):
+    searched = ["plate.youngs_modulus", "wires.stiffness", "loss.stiffness_loss_factor"]
+    shared, full = (
+        bench.run(searched, {"search.basis": name, "search.polish": True}, out=name).result for name in ("auto", "full")
+    )
+    assert "basis_error" in shared
+    assert "basis_error" not in full
+    for name in searched:
+        assert shared["parameters"][name]["value"] == pytest.approx(full["parameters"][name]["value"], rel=1e-6)
+
+
+def test_a_basis_that_is_wrong_at_the_best_takes_it_in(in_a_basis, monkeypatch, capsys):
+    measured = []
+    sound = basis.basis_error
+
+    def wrong_at_first(*arguments):
+        measured.append(sound(*arguments))
+        return 1.0 if len(measured) == 1 else measured[-1]
+
+    monkeypatch.setattr(basis, "basis_error", wrong_at_first)
+    result = in_a_basis("enriched").result
+    assert len(measured) == 2
+    # Its own modes and static residuals are in the basis now; what is left is the dynamics of its higher modes.
+    assert measured[1] < 0.9 * measured[0]
+    assert result["basis_error"] == pytest.approx(measured[1], rel=1e-3)
+
+
+def test_a_basis_that_stays_wrong_is_given_up(in_a_basis, monkeypatch):
+    monkeypatch.setattr(basis, "basis_error", lambda *_: 1.0)
+    monkeypatch.setattr(run, "basis_error", lambda *_: 1.0)
+    result = in_a_basis("refused").result
+    assert "basis_error" not in result
