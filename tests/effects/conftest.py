@@ -14,13 +14,34 @@ class Example(NamedTuple):
     value: dict[str, float]
 
 
+# Where the models that try the examples have supports; their responses are node 3 and (0.6, 0.7), a reference node 8.
+WIRES = ((0.21, 0.0), (0.66, 0.94))
+
 EXAMPLES = {
-    "plate": Example({}, {"youngs_modulus": 71e9, "poisson_ratio": 0.33, "density": 2700.0, "thickness": 0.004}),
+    "plate": Example({}, {"youngs_modulus": 71e9, "poisson_ratio": 0.33, "density": 2700.0, "thickness": 0.0033}),
     "point_mass": Example({}, {"x": 0.61, "y": 0.28, "mass": 0.06}),
     "support_spring": Example({"nodes": (2, 9, 30)}, {"stiffness": 4.1e4, "viscous_damping": 3.0}),
     "exponential_window": Example({}, {"rate": 1.5}),
     "hysteretic_damping": Example({}, {"stiffness_loss_factor": 0.01, "mass_loss_factor": 40.0}),
     "viscous_damping": Example({}, {"mass_coefficient": 2.0, "stiffness_coefficient": 3e-5}),
+    "aspect_ratio": Example({}, {"ratio": 1.06}),
+    "orthotropy": Example({}, {"young_ratio": 1.4, "shear_factor": 0.8}),
+    "poisson_ratio": Example({}, {"value": 0.27}),
+    "density": Example({}, {"value": 2480.0}),
+    "thickness": Example({}, {"value": 0.0029}),
+    "thickness_taper": Example({}, {"slope_x": 0.17, "slope_y": -0.24}),
+    "stiffness_loss": Example({}, {"x": 0.63, "y": 0.31, "size": 0.37, "factor": 0.4}),
+    "damping_patch": Example({}, {"x": 0.63, "y": 0.31, "size": 0.37, "loss_factor": 0.2}),
+    "ground_spring": Example({}, {"x": 0.61, "y": 0.28, "stiffness": 2.3e4}),
+    "ground_dashpot": Example({}, {"x": 0.61, "y": 0.28, "viscous_damping": 7.0}),
+    "support_asymmetry": Example({"at": WIRES}, {"factor_1": 1.6, "factor_2": 0.7}),
+    "edge_spring": Example({"edge": "x1"}, {"stiffness": 3e4, "rotational_stiffness": 50.0}),
+    "time_delay": Example({}, {"delay": 3e-4}),
+    "sensor_gain": Example({}, {"gain": 1.3}),
+    "sensor_position": Example({}, {"dx": 0.011, "dy": -0.008}),
+    "channel_polarity": Example({"channels": ((None, 8),)}, {}),
+    "channel_swap": Example({"channels": ((3, None), ((0.6, 0.7), None))}, {}),
+    "mesh_discretisation": Example({"refine": 2}, {}),
 }
 
 

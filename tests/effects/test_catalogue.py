@@ -1,88 +1,167 @@
 """What holds for every effect of the catalogue, present and future."""
 
+import math
+
 import pytest
 import torch
 
-from torchplate.effects import CATALOGUE, Effect, HystereticDamping, Plate, find_effect, options
-from torchplate.model import PlateModel, Searched
+from torchplate.effects import (
+    CATALOGUE,
+    Effect,
+    HystereticDamping,
+    Interval,
+    Parameter,
+    Plate,
+    Prior,
+    SupportSpring,
+    find_effect,
+    options,
+)
+from torchplate.effects.parameter import PLATE_SCALE
+from torchplate.model import PlateModel, Searched, reduce
 from torchplate.plate import Mesh
 
-MESH = Mesh(0.52, 0.37, 5, 4)
+MESHES = {"rectangle": Mesh(0.52, 0.37, 5, 4), "square": Mesh(0.43, 0.43, 5, 5, edges={"x0": "simply_supported"})}
 BARE = {
     "plate.youngs_modulus": 69e9,
     "plate.poisson_ratio": 0.31,
     "plate.density": 2710.0,
     "plate.thickness": 0.0031,
+    "wires.stiffness": 4e3,
     "loss.stiffness_loss_factor": 0.004,
 }
+PLATE = ("plate.youngs_modulus", "plate.density")
+# The places that the examples speak of: see tests/effects/conftest.py.
+WIRES = ((0.21, 0.0), (0.66, 0.94))
+RESPONSE, REFERENCE = [3, (0.6, 0.7)], [8, (0.71, 0.64)]
 LINES = torch.linspace(20.0, 420.0, 61, dtype=torch.float64)
 THETA = torch.zeros(0, dtype=torch.float64)
 
 
-def _model(effect: type[Effect], fixed: dict, value: dict[str, float], searched: dict | None = None) -> PlateModel:
-    """A slightly damped rectangle with the effect added, or with the plate itself replaced."""
+@pytest.fixture(params=list(MESHES))
+def mesh(request: pytest.FixtureRequest) -> Mesh:
+    return MESHES[request.param]
+
+
+def _model(
+    effect: type[Effect],
+    fixed: dict,
+    value: dict[str, float],
+    searched: dict | None = None,
+    mesh: Mesh = MESHES["rectangle"],
+    also: dict[str, tuple[float, float]] | None = None,
+) -> PlateModel:
+    """A slightly damped plate on two wires with the effect added, or with the plate itself replaced."""
     label = "plate" if effect is Plate else "added"
-    effects = {"plate": Plate(), "loss": HystereticDamping(), label: effect(**fixed)}
+    effects = {"plate": Plate(), "wires": SupportSpring(at=WIRES), "loss": HystereticDamping(), label: effect(**fixed)}
     known = BARE | {f"{label}.{name}": number for name, number in value.items()}
     intervals = {f"{label}.{name}": interval for name, interval in (searched or {}).items()}
-    return PlateModel(MESH, effects, {key: known[key] for key in known if key not in intervals}, intervals)
+    intervals |= {name: Searched(*ends) for name, ends in (also or {}).items()}
+    known = {key: known[key] for key in known if key not in intervals}
+    return PlateModel(mesh, effects, known, intervals, RESPONSE, REFERENCE, "accelerance")
 
 
-def _frf(model: PlateModel, theta: torch.Tensor = THETA) -> torch.Tensor:
-    return model.frf(theta, LINES, response=[(0.13, 0.22)], reference=[8, (0.71, 0.64)], kind="accelerance")
+def _searched(effect: type[Effect], example, width: float = 0.2) -> dict[str, Searched]:
+    """Intervals about the example, where they make sense."""
+    parameters = effect(**example.options).parameters
+    ends = {
+        name: (number - width * abs(number), number + width * abs(number)) for name, number in example.value.items()
+    }
+    return {
+        name: Searched(*pair) for name, pair in ends.items() if all(end in parameters[name].allowed for end in pair)
+    }
+
+
+def _members(model: PlateModel, *batch: int) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(7)
+    return model.space.to_si(torch.rand(*batch, len(model.names), dtype=torch.float64, generator=generator))
 
 
 def _distance(first: torch.Tensor, second: torch.Tensor) -> float:
     return float((first - second).norm() / second.norm())
 
 
-BARE_FRF = _frf(_model(Plate, {}, {}))
+def _bare(mesh: Mesh) -> torch.Tensor:
+    return _model(Plate, {}, {}, mesh=mesh).frf(THETA, LINES)
 
 
-def test_neutral_value_leaves_the_model_as_it_was(effect, example):
-    neutral = {name: p.neutral for name, p in effect.parameters.items() if p.neutral is not None}
+def test_neutral_value_leaves_the_model_as_it_was(effect, example, mesh):
+    parameters = effect(**example.options).parameters
+    neutral = {name: p.neutral for name, p in parameters.items() if p.neutral is not None}
     if not neutral:
-        pytest.skip("every parameter must be given")
+        pytest.skip("it has no neutral value: every parameter must be given, or it has none")
     given = {name: number for name, number in example.value.items() if name not in neutral}
     # A parameter without a neutral value (a stiffness that must be given) is switched off instead.
-    off = {name: 0.0 for name in given if effect.parameters[name].unit in ("N/m", "kg")}
-    model = _model(effect, example.options, given | off | neutral)
-    assert _distance(_frf(model), BARE_FRF) < 1e-9  # rounding of two eigenproblems
+    off = {name: 0.0 for name in given if parameters[name].unit in ("N/m", "kg")}
+    model = _model(effect, example.options, given | off | neutral, mesh=mesh)
+    assert _distance(model.frf(THETA, LINES), _bare(mesh)) < 1e-9  # rounding of two eigenproblems
 
 
-def test_every_parameter_is_seen_in_the_frf(effect, example):
-    whole = _frf(_model(effect, example.options, example.value))
-    for name, parameter in effect.parameters.items():
+def test_the_example_is_seen_in_the_frf(effect, example, mesh):
+    model = _model(effect, example.options, example.value, mesh=mesh)
+    assert _distance(model.frf(THETA, LINES), _bare(mesh)) > 1e-3
+
+
+def test_every_parameter_is_seen_in_the_frf(effect, example, mesh):
+    parameters = effect(**example.options).parameters
+    assert set(example.value) == set(parameters)
+    whole = _model(effect, example.options, example.value, mesh=mesh).frf(THETA, LINES)
+    for name, parameter in parameters.items():
         number = example.value[name]
         other = number * 0.9 if number * 0.9 in parameter.allowed else number * 1.1
-        moved = _frf(_model(effect, example.options, example.value | {name: other}))
+        moved = _model(effect, example.options, example.value | {name: other}, mesh=mesh).frf(THETA, LINES)
         assert _distance(moved, whole) > 1e-5, f"{effect.name}.{name} changes nothing"
 
 
-def test_modal_sum_agrees_with_the_direct_solve(effect, example):
-    model = _model(effect, example.options, example.value)
-    direct = model.frf_direct(THETA, LINES, [(0.13, 0.22)], [8, (0.71, 0.64)], "accelerance")
-    assert _distance(_frf(model), direct) < 1e-8  # the issue's bound between the two formulations
+def test_modal_sum_agrees_with_the_direct_solve(effect, example, mesh):
+    model = _model(effect, example.options, example.value, mesh=mesh)
+    lines = LINES[::5]
+    assert _distance(model.frf(THETA, lines), model.frf_direct(THETA, lines)) < 1e-8  # the bound between the two
 
 
-def test_searched_members_equal_models_with_the_numbers_known(effect, example):
-    searched = {
-        name: Searched(min(0.8 * number, number - 1e-9), 1.2 * number + 1e-9)
-        for name, number in example.value.items()
-        if 1.2 * number + 1e-9 in effect.parameters[name].allowed
-    }
-    model = _model(effect, example.options, example.value, searched)
-    generator = torch.Generator().manual_seed(7)
-    theta = model.space.to_si(torch.rand(3, len(model.names), dtype=torch.float64, generator=generator))
-    together = _frf(model, theta)
+def test_searched_members_equal_models_with_the_numbers_known(effect, example, mesh):
+    model = _model(effect, example.options, example.value, _searched(effect, example), mesh)
+    theta = _members(model, 3)
+    together = model.frf(theta, LINES)
     for member, row in zip(together, theta.tolist(), strict=True):
         numbers = dict(zip((name.split(".")[1] for name in model.names), row, strict=True))
-        alone = _frf(_model(effect, example.options, example.value | numbers))
+        alone = _model(effect, example.options, example.value | numbers, mesh=mesh).frf(THETA, LINES)
         assert _distance(member, alone) < 1e-9  # rounding of two eigenproblems
 
 
+def test_any_batch_shape_and_vmap_give_the_same_members(effect, example, mesh):
+    model = _model(effect, example.options, example.value, _searched(effect, example), mesh)
+    if not model.names:
+        pytest.skip("it has no parameter to search")
+    theta, lines = _members(model, 2, 3), LINES[::9]
+    together = model.frf(theta, lines)
+    assert together.shape == (2, 3, len(lines), len(RESPONSE), len(REFERENCE))
+    assert together.dtype == torch.complex128
+    for found in (
+        model.frf(theta.flatten(0, 1), lines).unflatten(0, (2, 3)),
+        model.frf_direct(theta, lines),
+        torch.func.vmap(lambda row: model.frf(row, lines))(theta),
+        torch.func.vmap(torch.func.vmap(lambda row: model.frf_direct(row, lines)))(theta),
+    ):
+        assert _distance(found, together) < 1e-8  # between the modal sum and the direct solve
+
+
+@pytest.mark.parametrize("alone", [True, False], ids=["the effect alone", "beside the plate"])
+def test_the_reduced_basis_holds_where_it_is_offered(effect, example, mesh, alone):
+    plate = {} if alone or effect is Plate else {name: (0.9 * BARE[name], 1.1 * BARE[name]) for name in PLATE}
+    model = _model(effect, example.options, example.value, _searched(effect, example, 0.05), mesh, plate)
+    found = reduce(model, LINES, tolerance=1e-4)
+    if found is None:
+        return
+    small, error = found
+    assert error <= 1e-4
+    theta = _members(model, 4)
+    # Ten times what the checked members have: see tests/model/test_reduced_basis.py.
+    assert _distance(small.frf(theta, LINES), model.frf(theta, LINES)) < 1e-3
+
+
 def test_a_value_outside_the_physical_range_is_refused_by_name(effect, example):
-    for name, parameter in effect.parameters.items():
+    for name, parameter in effect(**example.options).parameters.items():
         if parameter.allowed.low > float("-inf"):
             with pytest.raises(ValueError, match=name):
                 _model(effect, example.options, example.value | {name: parameter.allowed.low - 1.0})
@@ -96,6 +175,52 @@ def test_it_says_what_it_shows_and_where_it_is_from(effect):
     for name, parameter in effect.parameters.items():
         assert parameter.meaning, name
         assert parameter.unit, name
+
+
+def test_it_says_where_a_search_looks_for_it(effect, example):
+    plan = _model(Plate, {}, {}).plan(THETA)
+    for name, parameter in effect(**example.options).parameters.items():
+        assert parameter.prior is not None, name
+        assert parameter.prior.describe(parameter.unit), name
+        found = parameter.prior_interval(plan.section, plan.geometry)
+        Searched(found.low, found.high, parameter.prior.logarithmic)
+        assert found.low in parameter.allowed, name
+        assert found.high in parameter.allowed, name
+        assert found.low <= example.value[name] <= found.high, f"a search would never meet {effect.name}.{name}"
+        if parameter.neutral is not None and not parameter.prior.logarithmic:
+            assert found.low <= parameter.neutral <= found.high, name
+
+
+def test_the_plate_has_one_scale_in_each_unit():
+    plan = _model(Plate, {}, {}).plan(THETA)
+    mass = 2710.0 * 0.0031 * 0.52 * 0.37
+    rigidity = 69e9 * 0.0031**3 / (12 * (1 - 0.31**2))
+    length = math.sqrt(0.52 * 0.37)
+    expected = {
+        "kg": mass,
+        "m": length,
+        "s": math.sqrt(mass * length**2 / rigidity),
+        "1/s": math.sqrt(rigidity / (mass * length**2)),
+        "1/s²": rigidity / (mass * length**2),
+        "N/m": rigidity / length**2,
+        "N s/m": math.sqrt(rigidity * mass) / length,
+        "N/m²": rigidity / length**3,
+        "N/rad": rigidity / length,
+    }
+    assert set(expected) == set(PLATE_SCALE)
+    for unit, value in expected.items():
+        parameter = Parameter(unit, "any", prior=Prior(0.2, 0.7, relative_to="plate"))
+        found = parameter.prior_interval(plan.section, plan.geometry)
+        assert (found.low, found.high) == pytest.approx((0.2 * value, 0.7 * value), rel=1e-12)
+
+
+def test_a_prior_is_cut_to_what_is_allowed():
+    plan = _model(Plate, {}, {}).plan(THETA)
+    poisson = Parameter("-", "ν", Interval(-0.99, 0.4), prior=Prior(0.5, 1.5, relative_to="poisson_ratio"))
+    found = poisson.prior_interval(plan.section, plan.geometry)
+    assert (found.low, found.high) == pytest.approx((0.155, 0.4))
+    with pytest.raises(ValueError, match="Expected a prior"):
+        Parameter("-", "ν").prior_interval(plan.section, plan.geometry)
 
 
 def test_names_are_those_of_the_classes_in_snake_case():

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from torchplate.cli.config import Config, InputError, SearchConfig, Unknown, quantity, read_config, typed, unknown_key
 from torchplate.discrepancy import OBJECTIVES, Evidence, Objective
-from torchplate.effects import Effect, find_effect, options
+from torchplate.effects import Effect, Parameter, find_effect, options
 from torchplate.measurement import Measurement, NaturalFrequencies, Placement, place, read_measurement
 from torchplate.model import PlateModel, Point, Searched
 from torchplate.plate import Mesh
@@ -64,11 +64,12 @@ class Run:
                 raise self.error(f"{key}.effect", "Expected the name of an effect, got none. Add `effect: plate`, say.")
             kind = self.told(f"{key}.effect", lambda body=body: find_effect(str(body["effect"])))  # type: ignore[misc]
             fixed = self.typed(key, kind, {name: body[name] for name in options(kind) if name in body})
+            parameters = _parameters(kind, fixed)
             for name, value in body.items():
                 if name == "effect" or name in fixed:
                     continue
-                if name not in kind.parameters:
-                    raise self.error(f"{key}.{name}", unknown_key(name, [*kind.parameters, *options(kind)]))
+                if name not in parameters:
+                    raise self.error(f"{key}.{name}", unknown_key(name, [*parameters, *options(kind)]))
                 number = self.told(f"{key}.{name}", lambda value=value: quantity(value))  # type: ignore[misc]
                 if isinstance(number, Unknown):
                     searched[f"{label}.{name}"] = Searched(number.low, number.high, number.scale == "log")
@@ -126,6 +127,8 @@ class Run:
                 f"Expected modes up to {model.assembly.size}, as many as the mesh has, got mode "
                 f"{int(table.mode.max())}. Raise mesh.refine, or leave it out.",
             )
+        if evidence.measurement is not None:
+            self.told("effects", model.check_channels)
         settings = self.config.objective
         return self.told(
             "objective.kind", lambda: Objective(model, evidence, settings.kind, settings.natural_frequency_weight)
@@ -195,6 +198,14 @@ class Run:
         except (ValueError, KeyError, TypeError, FileNotFoundError) as error:
             text = str(error.args[0]) if error.args else str(error)
             raise self.error(key, text) from error
+
+
+def _parameters(kind: type[Effect], fixed: Mapping[str, Any]) -> Mapping[str, Parameter]:
+    """What an effect takes with its options as given; while these cannot be used, which is said later, at all."""
+    try:
+        return kind(**fixed).parameters
+    except (ValueError, TypeError):
+        return kind.parameters
 
 
 def load_run(path: Path | str, overrides: Sequence[str] = ()) -> Run:

@@ -1,36 +1,67 @@
 """The catalogue of physical effects, one per file.
 
-`effect` says what an effect is and keeps the catalogue; every other file holds one effect. A new effect is a new file
-and one more import below.
+`effect` says what an effect is and keeps the catalogue, `parameter` what one of its numbers is; every other file holds
+one effect. A new effect is a new file and one more import below.
 """
 
-from torchplate.effects.effect import (
-    CATALOGUE,
-    Effect,
-    Interval,
-    Parameter,
-    SensorChain,
-    find_effect,
-    options,
-)
+from torchplate.effects.aspect_ratio import AspectRatio
+from torchplate.effects.channel_polarity import ChannelPolarity
+from torchplate.effects.channel_swap import ChannelSwap
+from torchplate.effects.damping_patch import DampingPatch
+from torchplate.effects.density import Density
+from torchplate.effects.edge_spring import EdgeSpring
+from torchplate.effects.effect import CATALOGUE, Channel, Effect, SensorChain, find_effect, options
 from torchplate.effects.exponential_window import ExponentialWindow
+from torchplate.effects.ground_dashpot import GroundDashpot
+from torchplate.effects.ground_spring import GroundSpring
 from torchplate.effects.hysteretic_damping import HystereticDamping
+from torchplate.effects.mesh_discretisation import MeshDiscretisation
+from torchplate.effects.orthotropy import Orthotropy
+from torchplate.effects.parameter import Interval, Parameter, Prior
 from torchplate.effects.plate import Plate
 from torchplate.effects.point_mass import PointMass
+from torchplate.effects.poisson_ratio import PoissonRatio
+from torchplate.effects.sensor_gain import SensorGain
+from torchplate.effects.sensor_position import SensorPosition
+from torchplate.effects.stiffness_loss import StiffnessLoss
+from torchplate.effects.support_asymmetry import SupportAsymmetry
 from torchplate.effects.support_spring import SupportSpring
+from torchplate.effects.thickness import Thickness
+from torchplate.effects.thickness_taper import ThicknessTaper
+from torchplate.effects.time_delay import TimeDelay
 from torchplate.effects.viscous_damping import ViscousDamping
 
 __all__ = [
     "CATALOGUE",
+    "AspectRatio",
+    "Channel",
+    "ChannelPolarity",
+    "ChannelSwap",
+    "DampingPatch",
+    "Density",
+    "EdgeSpring",
     "Effect",
     "ExponentialWindow",
+    "GroundDashpot",
+    "GroundSpring",
     "HystereticDamping",
     "Interval",
+    "MeshDiscretisation",
+    "Orthotropy",
     "Parameter",
     "Plate",
     "PointMass",
+    "PoissonRatio",
+    "Prior",
     "SensorChain",
+    "SensorGain",
+    "SensorPosition",
+    "StiffnessLoss",
+    "SupportAsymmetry",
     "SupportSpring",
+    "Thickness",
+    "ThicknessTaper",
+    "TimeDelay",
     "ViscousDamping",
     "find_effect",
     "options",

@@ -1,64 +1,32 @@
 """What an effect is, and the catalogue of them.
 
-An effect is declared like a table, data first, then one formula. It has five possible words: `geometry`, `section`,
-`local`, `proportional` and `observe`. It never builds a whole matrix, so the same effect serves the dense population,
-the fine mesh and the reduced basis. A class body that inherits from Effect enters the catalogue by itself.
+An effect is declared like a table, data first, then one formula. It has seven possible words: `discretise`, `geometry`,
+`section`, `local`, `attached`, `proportional` and `observe`. It never builds a whole matrix, so the same effect serves
+the dense population, the fine mesh and the reduced basis. A class body that inherits from Effect enters the catalogue
+by itself.
 """
 
 import dataclasses
 import difflib
-import math
 import re
 from abc import ABC
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from jaxtyping import Complex, Float
+import torch
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
+from torchplate.effects.parameter import Parameter
 from torchplate.plate import Geometry, Local, Mesh, Proportional, Section
 
 Value = Mapping[str, Tensor]
-
-
-@dataclass(frozen=True)
-class Interval:
-    """Values a parameter may take, ends included unless `open_low`."""
-
-    low: float = -math.inf
-    high: float = math.inf
-    open_low: bool = False
-
-    def __contains__(self, value: float) -> bool:
-        return (self.low < value if self.open_low else self.low <= value) and value <= self.high
-
-    def __str__(self) -> str:
-        if math.isinf(self.high):
-            return "any number" if math.isinf(self.low) else f"{'above' if self.open_low else 'at least'} {self.low:g}"
-        return f"from {self.low:g} to {self.high:g}"
-
-
-positive = Interval(0.0, open_low=True)
-nonnegative = Interval(0.0)
-unit_interval = Interval(0.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One number of an effect.
-
-    Args:
-        unit: SI unit, "-" for none.
-        meaning: what it is, in a few words.
-        allowed: the values that make physical sense.
-        neutral: the value that leaves the model as it was; None where the parameter must be given.
-    """
-
-    unit: str
-    meaning: str
-    allowed: Interval = Interval()
-    neutral: float | None = None
+Point = int | Sequence[float]
+# [response, reference], None for all of them; or the label of a response, or of a reference if no response has it.
+Channel = int | tuple[Point | None, Point | None]
+# A channel is known by the place its label stands for, to this part of an element of the labelled grid.
+NEAR = 0.25
 
 
 class SensorChain(NamedTuple):
@@ -68,8 +36,43 @@ class SensorChain(NamedTuple):
     """
 
     laplace: Complex[Tensor, "*batch n_frequency"]  # s [1/s]
-    response: Float[Tensor, "*batch n_response 2"]  # relative places [-]
+    response: Float[Tensor, "*batch n_response 2"]  # relative places where the sensors sit [-]
     factor: Complex[Tensor, "*batch n_frequency n_response n_reference"]  # [-]
+    response_label: Float[Tensor, "n_response 2"]  # relative places that the labels stand for [-]
+    reference_label: Float[Tensor, "n_reference 2"] | None  # likewise; None where the base moves
+    # Which FRF, counted along the references first, is read under each label; None for its own.
+    reading: Int[Tensor, "n_response n_reference"] | None = None
+
+    def at_response(self, mesh: Mesh, point: Point) -> Bool[Tensor, " n_response"]:
+        """Which responses carry the label of a node or place; none if it is not among them."""
+        return _labelled(mesh, self.response_label, point)
+
+    def in_channel(self, mesh: Mesh, channel: Channel) -> Bool[Tensor, "n_response n_reference"]:
+        """Which FRFs a channel names; none if it is not among them.
+
+        Raises:
+            ValueError: if a label is not on the grid, or a place is not on the plate.
+        """
+        every = torch.ones(self.factor.shape[-2:], dtype=torch.bool, device=self.factor.device)
+        sides: tuple[Point | None, Point | None] = (channel, None) if isinstance(channel, int) else channel
+        response, reference = (
+            every.any(along) if point is None else _labelled(mesh, label, point).to(every.device)
+            for point, label, along in zip(sides, (self.response_label, self.reference_label), (1, 0), strict=True)
+        )
+        if isinstance(channel, int):
+            of_reference = _labelled(mesh, self.reference_label, channel).to(every.device)
+            return response[:, None] & every | ~response.any() & of_reference & every
+        return response[:, None] & reference & every
+
+
+def _labelled(mesh: Mesh, label: Float[Tensor, "n_point 2"] | None, point: Point) -> Bool[Tensor, " n_found"]:
+    """Which of the labelled places is the nearest to a point and near it; none of the base's one."""
+    place = mesh.places([point])
+    if label is None:
+        return place.new_zeros(1).bool()
+    grid = place.new_tensor([mesh.n_x, mesh.n_y])
+    distance = ((label.detach().to(place) - place) * grid).abs().amax(-1)
+    return (distance <= NEAR) & (distance <= distance.amin() + 1e-9)
 
 
 CATALOGUE: dict[str, type["Effect"]] = {}
@@ -77,13 +80,21 @@ CATALOGUE: dict[str, type["Effect"]] = {}
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """One physical effect; fields of a subclass are its fixed options (nodes, an edge), never searched."""
+    """One physical effect; fields of a subclass are its fixed options (nodes, an edge), never searched.
+
+    Effects of a lower `stage` act first, those of one stage in the order of the config: 0 the plate, 1 what replaces a
+    number of the plate, 2 the most, 3 what changes what others have brought.
+
+    An effect whose parameters depend on its options sets `parameters` on the instance too; those of the class are then
+    an example.
+    """
 
     name: ClassVar[str]
     parameters: ClassVar[Mapping[str, Parameter]]
     acts_on: ClassVar[frozenset[str]]
     shows: ClassVar[str]
     source: ClassVar[str]
+    stage: ClassVar[int] = 2
 
     def __init_subclass__(cls) -> None:
         """Enter the catalogue under the class's name in snake case."""
@@ -92,6 +103,10 @@ class Effect(ABC):
             if word not in vars(cls):
                 raise TypeError(f"The effect '{cls.name}' says nothing of its {word}. Add it to the class body.")
         CATALOGUE[cls.name] = cls
+
+    def discretise(self, mesh: Mesh) -> Mesh:
+        """The mesh as this effect changes it."""
+        return mesh
 
     def geometry(self, geometry: Geometry, value: Value) -> Geometry:
         """The plate's sides as this effect changes them."""
@@ -105,11 +120,16 @@ class Effect(ABC):
         """Masses, springs and dashpots that this effect adds at places."""
         return None
 
+    def attached(self, mesh: Mesh, terms: Sequence[Local], value: Value) -> Sequence[Local]:
+        """The terms of the effects before it, with its own; or changed, if it changes what is attached already."""
+        own = self.local(mesh, value)
+        return terms if own is None else [*terms, own]
+
     def proportional(self, value: Value) -> Proportional | None:
         """Damping in proportion to the whole model that this effect adds."""
         return None
 
-    def observe(self, chain: SensorChain, value: Value, geometry: Geometry) -> SensorChain:
+    def observe(self, mesh: Mesh, chain: SensorChain, value: Value, geometry: Geometry) -> SensorChain:
         """The sensor chain as this effect changes it."""
         return chain
 

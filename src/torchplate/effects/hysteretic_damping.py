@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Parameter, Value, nonnegative
+from torchplate.effects.effect import Effect, Value
+from torchplate.effects.parameter import Parameter, Prior, nonnegative
 from torchplate.plate import Proportional
 
 
@@ -11,8 +12,12 @@ class HystereticDamping(Effect):
     """Complex stiffness K(1 + iβ) and a mass-proportional part iηM (seed paper, Eq. 17–18)."""
 
     parameters = {
-        "stiffness_loss_factor": Parameter("-", "β: part of K in quadrature", nonnegative, neutral=0.0),
-        "mass_loss_factor": Parameter("1/s²", "η: part of M in quadrature", nonnegative, neutral=0.0),
+        "stiffness_loss_factor": Parameter(
+            "-", "β: part of K in quadrature", nonnegative, neutral=0.0, prior=Prior(1e-5, 0.1, logarithmic=True)
+        ),
+        "mass_loss_factor": Parameter(
+            "1/s²", "η: part of M in quadrature", nonnegative, neutral=0.0, prior=Prior(0.0, 100.0, relative_to="plate")
+        ),
     }
     acts_on = frozenset({"damping"})
     shows = "Rounds every peak by the same fraction of its frequency (β), or the low ones more (η)."

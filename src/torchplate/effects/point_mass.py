@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import torch
 
-from torchplate.effects.effect import Effect, Parameter, Value, nonnegative, unit_interval
+from torchplate.effects.effect import Effect, Value
+from torchplate.effects.parameter import Parameter, Prior, nonnegative, unit_interval
 from torchplate.plate import Local, Mesh
 
 
@@ -13,9 +14,15 @@ class PointMass(Effect):
     """A mass at any place of the plate, through the shape functions: M gains m N Nᵀ there."""
 
     parameters = {
-        "x": Parameter("-", "place along x, relative to the plate", unit_interval),
-        "y": Parameter("-", "place along y, relative to the plate", unit_interval),
-        "mass": Parameter("kg", "mass moving with the plate there", nonnegative, neutral=0.0),
+        "x": Parameter("-", "place along x, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
+        "y": Parameter("-", "place along y, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
+        "mass": Parameter(
+            "kg",
+            "mass moving with the plate there",
+            nonnegative,
+            neutral=0.0,
+            prior=Prior(0.0, 0.1, relative_to="plate"),
+        ),
     }
     acts_on = frozenset({"mass"})
     shows = "Lowers every mode in proportion to its squared deflection there; a mode with a nodal line there stays."

@@ -3,8 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Parameter, Value, nonnegative
+from torchplate.effects.effect import Effect, Value
+from torchplate.effects.parameter import Parameter, Prior, nonnegative
 from torchplate.plate import Local, Mesh
+
+
+class SupportTerms(Local):
+    """Local terms of supports: what an effect that changes supports knows them by."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +28,19 @@ class SupportSpring(Effect):
     at: Sequence[Sequence[float]] = ()
 
     parameters = {
-        "stiffness": Parameter("N/m", "spring stiffness at each node", nonnegative),
-        "viscous_damping": Parameter("N s/m", "dashpot at each node", nonnegative, neutral=0.0),
+        "stiffness": Parameter(
+            "N/m",
+            "spring stiffness at each node",
+            nonnegative,
+            prior=Prior(0.03, 1e3, logarithmic=True, relative_to="plate"),
+        ),
+        "viscous_damping": Parameter(
+            "N s/m",
+            "dashpot at each node",
+            nonnegative,
+            neutral=0.0,
+            prior=Prior(1e-4, 10.0, logarithmic=True, relative_to="plate"),
+        ),
     }
     acts_on = frozenset({"stiffness", "damping"})
     shows = "Lifts the rigid-body modes off zero and damps them; hardly moves the bending modes."
@@ -37,10 +53,10 @@ class SupportSpring(Effect):
                 f"got {'both' if self.nodes else 'neither'}. Give one of them."
             )
 
-    def local(self, mesh: Mesh, value: Value) -> Local:
+    def local(self, mesh: Mesh, value: Value) -> SupportTerms:
         """One term for each supported node."""
         vector = mesh.deflection_at(mesh.places([*self.nodes, *self.at]).to(value["stiffness"]))
         stiffness, viscous = (
             value[name][..., None].expand(*value[name].shape, len(vector)) for name in self.parameters
         )
-        return Local(vector, stiffness=stiffness, viscous=viscous)
+        return SupportTerms(vector, stiffness=stiffness, viscous=viscous)

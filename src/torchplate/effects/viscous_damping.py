@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Parameter, Value, nonnegative
+from torchplate.effects.effect import Effect, Value
+from torchplate.effects.parameter import Parameter, Prior, nonnegative
 from torchplate.plate import Proportional
 
 
@@ -11,8 +12,12 @@ class ViscousDamping(Effect):
     """C = a M + b K: modal damping ratio ζ = a / (2ω) + b ω / 2."""
 
     parameters = {
-        "mass_coefficient": Parameter("1/s", "a: viscous matrix over M", nonnegative, neutral=0.0),
-        "stiffness_coefficient": Parameter("s", "b: viscous matrix over K", nonnegative, neutral=0.0),
+        "mass_coefficient": Parameter(
+            "1/s", "a: viscous matrix over M", nonnegative, neutral=0.0, prior=Prior(0.0, 2.0, relative_to="plate")
+        ),
+        "stiffness_coefficient": Parameter(
+            "s", "b: viscous matrix over K", nonnegative, neutral=0.0, prior=Prior(0.0, 1e-3, relative_to="plate")
+        ),
     }
     acts_on = frozenset({"damping"})
     shows = "Rounds low peaks by mass_coefficient and high peaks by stiffness_coefficient."

@@ -124,9 +124,10 @@ def solve_each(
     A batch of them comes out wrong, or never, where several threads of oneMKL share it (torch 2.13: ZLASWP is given
     pivots of another matrix).
     """
+    # Under vmap torch broadcasts the batches of the two wrongly.
+    right = right.expand(*matrix.shape[:-2], *right.shape[-2:])
     if matrix.shape[-1] <= SOLVED_TOGETHER or matrix.ndim == 2:
         return torch.linalg.solve(matrix, right)
-    right = right.expand(*matrix.shape[:-2], *right.shape[-2:])
     pairs = zip(matrix.flatten(0, -3), right.flatten(0, -3), strict=True)
     return torch.stack([torch.linalg.solve(*pair) for pair in pairs]).unflatten(0, matrix.shape[:-2])
 
@@ -136,11 +137,24 @@ def laplace_lines(frequency: Float[Tensor, " n_frequency"], decay: float) -> Com
     return torch.complex(torch.full_like(frequency, decay), 2 * torch.pi * frequency)
 
 
+def sensor_chain(
+    laplace: Complex[Tensor, " n_frequency"],
+    response: Float[Tensor, "n_response 2"],
+    reference: Float[Tensor, "n_reference 2"] | None,
+) -> SensorChain:
+    """A chain that reports what is there: sensors at their labels, readings that are the FRFs."""
+    n_reference = 1 if reference is None else len(reference)
+    one = torch.ones_like(laplace)[:, None, None].expand(-1, len(response), n_reference)
+    return SensorChain(laplace, response, one, response, reference)
+
+
 def as_kind(
     value: Complex[Tensor, "*#batch n_frequency n_response n_reference"], chain: SensorChain, kind: str
 ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
     """From receptance to the kind asked for, as the sensor chain reports it."""
     s = chain.laplace[..., None, None]
+    if chain.reading is not None:
+        value = value.flatten(-2)[..., chain.reading]
     if kind == "transmissibility":
         return chain.factor * (1 - s**2 * value)
     return (chain.factor * s ** DERIVATIVE[kind]) * value

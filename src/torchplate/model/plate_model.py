@@ -2,6 +2,7 @@
 
 import copy
 import functools
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import torch
@@ -9,13 +10,21 @@ from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
 from torchplate.effects import Effect, Plate, SensorChain
-from torchplate.model.frf import KINDS, as_kind, direct_receptance, joined, laplace_lines, lines_at_once
+from torchplate.model.frf import (
+    KINDS,
+    as_kind,
+    direct_receptance,
+    joined,
+    laplace_lines,
+    lines_at_once,
+    sensor_chain,
+)
 from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
 from torchplate.model.modal_sum import MEMBERS_AT_ONCE
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
 from torchplate.model.parameter_space import ParameterSpace, Searched
 from torchplate.model.shared_modes import SharedModes
-from torchplate.plate import Assembly, Geometry, Mesh, Plan, System
+from torchplate.plate import Assembly, Geometry, Local, Mesh, Plan, System
 
 Point = int | Sequence[float]
 Points = Sequence[Point] | Float[Tensor, "n_point 2"]
@@ -54,12 +63,15 @@ class PlateModel(nn.Module):
     ) -> None:
         super().__init__()
         searched = dict(searched or {})
-        self.mesh, self.effects = mesh, dict(effects)
+        self.effects = dict(effects)
         self.response, self.reference, self.kind, self.memory = response, reference, kind, memory
         if sum(isinstance(effect, Plate) for effect in self.effects.values()) != 1:
             raise ValueError("Expected exactly one effect `plate` in the model, got none or several. Keep one.")
-        # The plate comes first, whatever the order of the others: they act on its section.
-        self.effects = dict(sorted(self.effects.items(), key=lambda item: not isinstance(item[1], Plate)))
+        # The plate comes first and what changes other effects last, whatever their order in a config.
+        self.effects = dict(sorted(self.effects.items(), key=lambda item: item[1].stage))
+        for effect in self.effects.values():
+            mesh = effect.discretise(mesh)
+        self.mesh = mesh
         everything = {
             f"{label}.{name}": parameter
             for label, effect in self.effects.items()
@@ -91,6 +103,35 @@ class PlateModel(nn.Module):
         for name, member in vars(Mesh).items():
             if isinstance(member, functools.cached_property):
                 getattr(mesh, name)
+        # Nobody is asked for channels yet; a place that is none is near no label.
+        nowhere = self.known.new_full((1, 2), math.nan)
+        self._check_effects(nowhere, nowhere)
+
+    def check_channels(self) -> None:
+        """Whether the effects can be had with the model's own responses and references.
+
+        Raises:
+            ValueError: if not, with the label of the effect.
+        """
+        response, reference, _ = self._points(None, None, None)
+        self._check_effects(response, reference)
+
+    @torch.no_grad()
+    def _check_effects(self, response: Tensor, reference: Tensor | None) -> None:
+        """Nodes, supports and channels that are not there, told before anything is computed."""
+        middle = self.space.to_si(torch.full((len(self.names),), 0.5).to(self.known))
+        value, geometry = self.values(middle), self._nominal()
+        chain = sensor_chain(laplace_lines(self.known.new_ones(1), 0.0), response, reference)
+        terms: Sequence[Local] = []
+        for label, effect in self.effects.items():
+            try:
+                terms = effect.attached(self.mesh, terms, value[label])
+                chain = effect.observe(self.mesh, chain, value[label], geometry)
+            except ValueError as error:
+                raise ValueError(f"{label}: {error}") from None
+
+    def _nominal(self) -> Geometry:
+        return Geometry(*(self.known.new_tensor(side) for side in (self.mesh.length_x, self.mesh.length_y)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -150,16 +191,18 @@ class PlateModel(nn.Module):
         """What the effects make of theta: sides, section, local terms and damping."""
         value = self.values(theta)
         pairs = [(effect, value[label]) for label, effect in self.effects.items()]
-        geometry = Geometry(*(self.known.new_tensor(side) for side in (self.mesh.length_x, self.mesh.length_y)))
+        geometry = self._nominal()
         for effect, own in pairs:
             geometry = effect.geometry(geometry, own)
         section = None
         for effect, own in pairs:
             section = effect.section(self.mesh, section, own)  # type: ignore[arg-type]  # the plate comes first
         assert section is not None
-        terms = [term for effect, own in pairs if (term := effect.local(self.mesh, own)) is not None]
+        terms: Sequence[Local] = []
+        for effect, own in pairs:
+            terms = effect.attached(self.mesh, terms, own)
         damping = [part for effect, own in pairs if (part := effect.proportional(own)) is not None]
-        return Plan(section, geometry, terms, damping)
+        return Plan(section, geometry, list(terms), damping)
 
     def system(self, theta: Float[Tensor, "*batch n_parameter"]) -> System:
         """Mass, stiffness and damping; what no searched parameter touches has no batch dimension."""
@@ -320,13 +363,9 @@ class PlateModel(nn.Module):
     def _chain(
         self, theta: Tensor, plan: Plan, laplace: Tensor, response: Tensor, reference: Tensor | None
     ) -> SensorChain:
-        n_reference = 1 if reference is None else len(reference)
-        chain = SensorChain(
-            laplace, response, torch.ones_like(laplace)[:, None, None].expand(-1, len(response), n_reference)
-        )
-        value = self.values(theta)
+        chain, value = sensor_chain(laplace, response, reference), self.values(theta)
         for label, effect in self.effects.items():
-            chain = effect.observe(chain, value[label], plan.geometry)
+            chain = effect.observe(self.mesh, chain, value[label], plan.geometry)
         return chain
 
     def excitation(self, plan: Plan, reference: Tensor | None) -> Float[Tensor, "*batch n_reference n"]:

@@ -112,10 +112,13 @@ class SharedModes(nn.Module):
         damping = assembly.proportional(plan.damping)
         attached = self._attached(assembly, plan, e, m)
         sides = [stack_rows(attached.row, side) for side in (left, right)]
+        values = [part.shape[:-1] for part in (*attached[1:], laplace, *damping.at(laplace)) if part is not None]
+        batch = torch.broadcast_shapes(e.shape, m.shape, *values, *(side.shape[:-2] for side in sides))
         parts = []
         for s in laplace.split(LINES_AT_ONCE if laplace.device.type == "cpu" else laplace.shape[-1], dim=-1):
             kappa, mu = damping.at(s)
-            flexibility = 1 / (e[..., None] * kappa)
+            # Of the whole batch, also where only terms or places differ between the members.
+            flexibility = (1 / (e[..., None] * kappa)).expand(*batch, s.shape[-1])
             z = -m[..., None] * mu * flexibility
             found = modal_sum(self.eigenvalue, sides[0], sides[1], z, self._expected(s), CLOSE)
             parts.append(attach(found, attached.stiffness(z, s * flexibility)) * flexibility)

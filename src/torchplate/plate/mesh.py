@@ -5,6 +5,7 @@ The mesh lies on the unit square: places are relative, x/Lx and y/Ly, and a node
 and no shape function, and every member of a population shares one mesh.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -175,3 +176,22 @@ class Mesh:
         value = element.shape_functions(position - corner, 1 / self.cells[0], 1 / self.cells[1], order_x, order_y)
         row = torch.zeros(*place.shape[:-1], self.n_dof, dtype=place.dtype, device=place.device)
         return row.scatter(-1, self.element_dof.to(place.device)[number], value)
+
+    def coverage(
+        self, x: Float[Tensor, "*#batch"], y: Float[Tensor, "*#batch"], size: Float[Tensor, "*#batch"]
+    ) -> Float[Tensor, "*batch n_element"]:
+        """Part of each element [-] that a square patch covers; piecewise linear in the patch's place and size.
+
+        Args:
+            x: the patch's centre along x, relative [-].
+            y: along y.
+            size: its side over √(Lx Ly) [-], of the nominal sides: so it is square on a rectangle too.
+        """
+        overlaps = []
+        stretch = math.sqrt(self.length_y / self.length_x)
+        for centre, half, n in ((x, size * stretch / 2, self.cells[0]), (y, size / stretch / 2, self.cells[1])):
+            low = torch.arange(n, dtype=size.dtype, device=size.device) / n
+            first = torch.maximum((centre - half)[..., None], low)
+            last = torch.minimum((centre + half)[..., None], low + 1 / n)
+            overlaps.append(n * (last - first).clamp(min=0))
+        return (overlaps[1][..., :, None] * overlaps[0][..., None, :]).flatten(-2)

@@ -1,0 +1,37 @@
+"""A patch that dissipates more than the rest: a damping layer, tape, a cable glued on."""
+
+from dataclasses import dataclass
+
+from torchplate.effects.effect import Effect, Value
+from torchplate.effects.parameter import Parameter, Prior, nonnegative, unit_interval
+from torchplate.plate import Mesh, Section
+
+
+@dataclass(frozen=True)
+class DampingPatch(Effect):
+    """Hysteretic loss factor of each element grows by loss_factor · coverage: K_e (1 + iη_e).
+
+    The patch is a square of side size · √(Lx Ly) in metres, as in `stiffness_loss`. A mode's loss factor grows by η
+    times the part of its strain energy that lies in the patch.
+    """
+
+    parameters = {
+        "x": Parameter("-", "centre along x, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
+        "y": Parameter("-", "centre along y, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
+        "size": Parameter("-", "side of the square over √(Lx·Ly)", unit_interval, prior=Prior(0.05, 0.5)),
+        "loss_factor": Parameter(
+            "-",
+            "loss factor there beyond the plate's",
+            nonnegative,
+            neutral=0.0,
+            prior=Prior(1e-3, 1.0, logarithmic=True),
+        ),
+    }
+    acts_on = frozenset({"damping"})
+    shows = "Rounds the peaks of modes that bend in the patch and no others; frequencies stay."
+    source = "Ungar and Kerwin, Loss factors of viscoelastic systems in terms of energy concepts, JASA 34 (1962) 954"
+
+    def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
+        """The loss factor of each element, on top of what it has."""
+        extra = value["loss_factor"][..., None] * mesh.coverage(value["x"], value["y"], value["size"])
+        return section._replace(loss_factor=extra if section.loss_factor is None else section.loss_factor + extra)

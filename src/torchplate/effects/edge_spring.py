@@ -1,0 +1,79 @@
+"""An edge that is held elastically: neither free nor pinned nor clamped."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchplate.effects.effect import Effect, Value
+from torchplate.effects.parameter import Parameter, Prior, nonnegative
+from torchplate.plate import Local, Mesh
+from torchplate.plate.mesh import EDGES
+
+# Gauss points and weights on 0 to 1; three integrate the square of the deflection but for its sixth power.
+POINT = torch.tensor([0.5 - math.sqrt(0.15), 0.5, 0.5 + math.sqrt(0.15)], dtype=torch.float64)
+WEIGHT = torch.tensor([5 / 18, 8 / 18, 5 / 18], dtype=torch.float64)
+
+
+@dataclass(frozen=True)
+class EdgeSpring(Effect):
+    """Energy ½ ∫ (k w² + κ (∂w/∂n)²) ds along an edge: K gains ∫ (k N Nᵀ + κ N,n N,nᵀ) ds.
+
+    k → ∞ is a simply supported edge, κ → ∞ too a clamped one. The slope is linear between the nodes of the edge: the
+    element's own is cubic, jumps from element to element and locks. Lengths are those of the nominal plate. Several
+    edges are several effects.
+
+    Args:
+        edge: x0, x1, y0 or y1.
+
+    Raises:
+        ValueError: if there is no such edge.
+    """
+
+    edge: str = ""
+
+    parameters = {
+        "stiffness": Parameter(
+            "N/m²",
+            "k: force per deflection and length of edge",
+            nonnegative,
+            neutral=0.0,
+            prior=Prior(0.03, 1e5, logarithmic=True, relative_to="plate"),
+        ),
+        "rotational_stiffness": Parameter(
+            "N/rad",
+            "κ: moment per slope and length of edge",
+            nonnegative,
+            neutral=0.0,
+            prior=Prior(0.01, 1e3, logarithmic=True, relative_to="plate"),
+        ),
+    }
+    acts_on = frozenset({"stiffness"})
+    shows = "Lifts every mode that moves or turns at the edge, towards those of a pinned or clamped edge."
+    source = "Timoshenko and Woinowsky-Krieger, Theory of Plates and Shells (1959), article 22"
+
+    def __post_init__(self) -> None:
+        if self.edge not in EDGES:
+            raise ValueError(f"Expected edge_spring.edge to be one of {', '.join(EDGES)}, got '{self.edge}'. Name one.")
+
+    def local(self, mesh: Mesh, value: Value) -> Local:
+        """Deflection and slope across the edge at the Gauss points of every element there."""
+        edge = self.edge
+        spring, rotational = torch.broadcast_tensors(value["stiffness"], value["rotational_stiffness"])
+        along = 1 if edge.startswith("x") else 0
+        sides = mesh.length_x, mesh.length_y
+        n = mesh.cells[along]
+
+        def rows(position: Tensor, *order: int) -> Tensor:
+            end = torch.full_like(position, float(edge[1]))
+            place = torch.stack([end, position] if along else [position, end], dim=-1)
+            return mesh.deflection_at(place.to(spring), *order)
+
+        part = POINT.repeat(n).to(spring)[:, None]
+        at_node = rows(torch.linspace(0, 1, n + 1, dtype=torch.float64), along, 1 - along) / sides[1 - along]
+        slope = (1 - part) * at_node[:-1].repeat_interleave(3, 0) + part * at_node[1:].repeat_interleave(3, 0)
+        deflection = rows(((torch.arange(n)[:, None] + POINT) / n).flatten())
+        weight = (WEIGHT.repeat(n) * sides[along] / n).to(spring)
+        stiffness = torch.cat([coefficient[..., None] * weight for coefficient in (spring, rotational)], dim=-1)
+        return Local(torch.cat([deflection, slope]), stiffness=stiffness)

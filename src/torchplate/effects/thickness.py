@@ -1,0 +1,31 @@
+"""A thickness that was taken from a drawing, and is another one."""
+
+from dataclasses import dataclass
+
+from torchplate.effects.effect import Effect, Value
+from torchplate.effects.parameter import Parameter, Prior, positive
+from torchplate.plate import Mesh, Section
+
+
+@dataclass(frozen=True)
+class Thickness(Effect):
+    """h = value, whatever the plate's own number: D ∝ h³, mass ∝ h, so ω ∝ h.
+
+    The plate keeps the number that was taken as known, so that a config says both.
+    """
+
+    parameters = {
+        "value": Parameter(
+            "m", "thickness h, in place of the plate's", positive, prior=Prior(0.9, 1.1, relative_to="thickness")
+        )
+    }
+    acts_on = frozenset({"section"})
+    shows = (
+        "All bending frequencies move by one ratio, that of h, and the level with the mass; E and ρ do nearly the same."
+    )
+    source = "Leissa, Vibration of Plates, NASA SP-160 (1969), chapter 1"
+    stage = 1
+
+    def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
+        """The plate's section with another h."""
+        return section._replace(thickness=value["value"][..., None])

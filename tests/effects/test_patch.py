@@ -1,0 +1,95 @@
+"""A patch of other stiffness or damping: what it covers, and what it does there."""
+
+import math
+
+import pytest
+import torch
+
+from torchplate.effects import DampingPatch, HystereticDamping, Plate, StiffnessLoss
+from torchplate.model import PlateModel
+from torchplate.plate import Mesh, element
+
+STEEL = {"plate.youngs_modulus": 205e9, "plate.poisson_ratio": 0.29, "plate.density": 7850.0, "plate.thickness": 0.002}
+NONE = torch.zeros(0, dtype=torch.float64)
+RECTANGLE, SQUARE = Mesh(0.6, 0.3, 6, 5), Mesh(0.4, 0.4, 4, 4)
+LINES = torch.linspace(20.0, 300.0, 29, dtype=torch.float64)
+
+
+def _coverage(mesh: Mesh, x: float, y: float, size: float) -> torch.Tensor:
+    return mesh.coverage(*(torch.tensor(number, dtype=torch.float64) for number in (x, y, size)))
+
+
+def _model(mesh: Mesh, effect, value: dict[str, float], beta: float = 0.0) -> PlateModel:
+    effects = {"plate": Plate(), "loss": HystereticDamping(), "patch": effect()}
+    known = STEEL | {"loss.stiffness_loss_factor": beta} | {f"patch.{key}": number for key, number in value.items()}
+    return PlateModel(mesh, effects, known)
+
+
+@pytest.mark.parametrize("mesh", [RECTANGLE, SQUARE], ids=["rectangle", "square"])
+@pytest.mark.parametrize(
+    ("x", "y", "size", "part"), [(0.43, 0.56, 0.31, 1.0), (0.0, 0.47, 0.2, 0.5), (1.0, 1.0, 0.35, 0.25)]
+)
+def test_coverage_adds_up_to_the_patchs_area_on_the_plate(mesh, x, y, size, part):
+    area = mesh.length_x * mesh.length_y
+    covered = float(_coverage(mesh, x, y, size).sum()) * area / mesh.n_element
+    # A square of that side over √area, and of it what an edge or a corner cuts off.
+    assert covered == pytest.approx(part * (size * math.sqrt(area)) ** 2, rel=1e-12)
+
+
+@pytest.mark.parametrize("mesh", [RECTANGLE, SQUARE], ids=["rectangle", "square"])
+def test_coverage_is_the_part_of_each_element_within_the_square(mesh):
+    x, y, size = 0.37, 0.61, 0.44
+    half = size * math.sqrt(mesh.length_x * mesh.length_y) / 2
+    found, n = _coverage(mesh, x, y, size), 400
+    for index, centre in enumerate(mesh.element_place.tolist()):
+        # Points of a fine grid over the element, in metres from the centre of the patch.
+        grid = (torch.arange(n) + 0.5) / n - 0.5
+        along = [
+            ((c + grid / cells - place) * side).abs() < half
+            for c, cells, place, side in zip(centre, mesh.cells, (x, y), (mesh.length_x, mesh.length_y), strict=True)
+        ]
+        counted = float(along[0].double().mean() * along[1].double().mean())
+        assert float(found[index]) == pytest.approx(counted, abs=2.1 / n)  # a grid line more or less on each axis
+
+
+def test_a_loss_softens_the_elements_it_covers_and_no_others():
+    # A square of 0.2 m over four of the elements of 0.1 m: the second and third columns, the upper two rows.
+    mesh = Mesh(0.6, 0.3, 6, 3)
+    size = 0.2 / math.sqrt(0.18)
+    patch = {"x": 2 / 6, "y": 2 / 3, "size": size}
+    covered = [row * 6 + column for row in (1, 2) for column in (1, 2)]
+    found = _model(mesh, StiffnessLoss, patch | {"factor": 0.3}).system(NONE).stiffness
+    bare = _model(mesh, StiffnessLoss, patch | {"factor": 1.0}).system(NONE).stiffness
+    damped = _model(mesh, DampingPatch, patch | {"loss_factor": 0.05}).system(NONE).hysteretic
+    rigidity = _model(mesh, StiffnessLoss, patch).plan(NONE).section.rigidity[0]
+    # Elements in metres, and their dofs on the unit square: w, b tx, a ty.
+    scale = torch.tensor([1.0, 1 / mesh.length_y, 1 / mesh.length_x], dtype=torch.float64).repeat(4)
+    one = element.stiffness(rigidity, 0.1, 0.1) * scale[:, None] * scale
+    expected = torch.zeros_like(bare)
+    for index in covered:
+        dof = mesh.element_dof[index]
+        expected[dof[:, None], dof] += one
+    assert torch.allclose(found - bare, -0.7 * expected, atol=1e-10 * float(bare.abs().max()))
+    assert torch.allclose(damped, 0.05 * expected, atol=1e-10 * float(bare.abs().max()))
+
+
+def test_a_patch_over_the_whole_plate_is_another_plate():
+    whole = {"x": 0.5, "y": 0.5, "size": 1.0}
+    bare, soft = (_model(SQUARE, StiffnessLoss, whole | {"factor": factor}) for factor in (1.0, 0.49))
+    frequencies = [model.natural_frequencies(NONE, 12)[3:] for model in (bare, soft)]
+    assert torch.allclose(frequencies[1], 0.7 * frequencies[0], rtol=1e-8)
+    # With a loss of its own besides, the two add.
+    damped = _model(SQUARE, DampingPatch, whole | {"loss_factor": 0.03}, beta=0.01)
+    plain = _model(SQUARE, DampingPatch, whole, beta=0.04)
+    frfs = [model.frf(NONE, LINES, [3], [(0.2, 0.9)]) for model in (damped, plain)]
+    assert torch.allclose(*frfs, rtol=1e-8)
+
+
+def test_two_damping_patches_add():
+    mesh, first, second = RECTANGLE, {"x": 0.3, "y": 0.4, "size": 0.3}, {"x": 0.4, "y": 0.6, "size": 0.2}
+    effects = {"plate": Plate(), "a": DampingPatch(), "b": DampingPatch()}
+    known = {f"{label}.{key}": n for label, one in (("a", first), ("b", second)) for key, n in one.items()}
+    known |= {"a.loss_factor": 0.2, "b.loss_factor": 0.07}
+    found = PlateModel(mesh, effects, STEEL | known).plan(NONE).section.loss_factor
+    expected = 0.2 * _coverage(mesh, **first) + 0.07 * _coverage(mesh, **second)
+    assert torch.allclose(found, expected, rtol=1e-12)
