@@ -9,7 +9,6 @@ from torchplate.bench.peer import Peer
 from torchplate.bench.problem import LINES, N_MEMBER, REFERENCE, members, paper_model
 from torchplate.bench.timing import interleaved, peak_memory, rates, seconds
 from torchplate.model import PlateModel, reduce
-from torchplate.model.frf import laplace_lines
 from torchplate.model.modal_sum import CLOSE, attach, modal_sum
 from torchplate.model.modes import solve_modes
 
@@ -96,5 +95,4 @@ def _parts(shared: PlateModel, small: PlateModel, theta: Tensor, bent: Tensor, n
         "shared modes: wires attached": blocks * seconds(lambda: attach(found, force), n_repeat),
         "reduced basis: matrices": seconds(lambda: small.system(bent), n_repeat),
         "reduced basis: eigh": seconds(lambda: solve_modes(system.stiffness, system.mass), n_repeat),
-        "lines": seconds(lambda: laplace_lines(LINES, 0.0), n_repeat),
     }

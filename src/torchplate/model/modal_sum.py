@@ -35,6 +35,8 @@ CLOSE, EXACT = 10, 32
 # Lines that go together on a CPU, and members: what is made of them stays in the cache, and is the same in any batch.
 LINES_AT_ONCE = 160
 MEMBERS_AT_ONCE = 64
+# How far z may leave a disc that was made for it: the series hardly notices.
+SLACK = 1.01
 
 
 class Disc(NamedTuple):
@@ -57,10 +59,6 @@ class Disc(NamedTuple):
     def holds(self, other: "Disc | None") -> bool:
         """Whether it holds another; one that may not be looked at it does not."""
         return other is not None and abs(other.centre - self.centre) + other.half <= SLACK * self.half
-
-
-# How far z may leave a disc that was made for it: the series hardly notices.
-SLACK = 1.01
 
 
 def modal_sum(
