@@ -6,6 +6,7 @@
 - `measurement`: what a sensor did read.
 - `search`: minimise on the unit cube; knows nothing of plates.
 - `discrepancy`: the gap between the two.
+- `diagnosis`: where it comes from: the missing effect, named and added.
 - `bench`: how fast, beside what else there is.
 - `cli`: YAML in, `runs/` out.
 - `examples`: the FRF embedded in torch, to copy from; nothing here imports them.
@@ -18,6 +19,7 @@ The names below are public:
 """
 
 from torchplate.cli.build import load_model
+from torchplate.diagnosis import Diagnosis, diagnose
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import Measurement, read_measurement, write_uff
 from torchplate.model import PlateModel, reduce
@@ -37,6 +39,7 @@ __all__ = [
     "CATALOGUE",
     "OPTIMIZERS",
     "ArtificialBeeColony",
+    "Diagnosis",
     "DifferentialEvolution",
     "Jde",
     "LShade",
@@ -45,6 +48,7 @@ __all__ = [
     "PlateModel",
     "Sade",
     "Status",
+    "diagnose",
     "load_model",
     "minimize",
     "read_measurement",

@@ -9,7 +9,7 @@ from torchplate.cli.config import Config, InputError, SearchConfig, Unknown, qua
 from torchplate.discrepancy import OBJECTIVES, Evidence, Objective
 from torchplate.effects import Effect, Parameter, find_effect, options
 from torchplate.measurement import Measurement, NaturalFrequencies, Placement, place, read_measurement
-from torchplate.model import PlateModel, Point, Searched
+from torchplate.model import PlateModel, Point, Searched, extrapolate
 from torchplate.plate import Mesh
 from torchplate.search import OPTIMIZERS, LeastSquares, Optimizer
 from torchplate.search.optimizer import unknown_name
@@ -33,12 +33,28 @@ class Run:
         Args:
             refine: split each element of the config's mesh once more, in refine × refine.
         """
+        model = self.model_as_given(refine)
+        if not model.mesh.extrapolate:
+            return model
+        band = self.config.measurement.band
+        frfs = self.measurement() if self.has_file else None
+        top = float(frfs.frequency.max()) if frfs is not None else None if band is None else band[1]
+        return extrapolate(model, top).model
+
+    @property
+    def has_file(self) -> bool:
+        """Whether the measurement's file is there."""
+        file = self.config.measurement.file
+        return file is not None and (self.path.parent / file).exists()
+
+    def model_as_given(self, refine: int = 1) -> PlateModel:
+        """The same, its mesh error in it even where the config wants it taken off."""
         mesh, effects, known, searched = self._parts(refine)
         measurement = self.config.measurement
         response: Sequence[Point] | None = measurement.response
         reference: Sequence[Point] | None = measurement.reference
         kind: str | None = measurement.kind
-        if measurement.file is not None and (self.path.parent / measurement.file).exists():
+        if self.has_file:
             frfs = self.measurement()
             assert frfs is not None
             found = self.placement(frfs)
@@ -53,7 +69,10 @@ class Run:
         settings = self.config.mesh
         sides = settings.length_x.value, settings.length_y.value
         mesh = self.told(
-            "mesh", lambda: Mesh(*sides, settings.n_x, settings.n_y, settings.refine * refine, settings.edges)
+            "mesh",
+            lambda: Mesh(
+                *sides, settings.n_x, settings.n_y, settings.refine * refine, settings.edges, settings.extrapolate
+            ),
         )
         effects: dict[str, Effect] = {}
         known: dict[str, float] = {}

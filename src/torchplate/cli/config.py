@@ -54,6 +54,7 @@ class MeshConfig(_Strict):
     n_y: int = Field(gt=0)
     refine: int = Field(default=1, gt=0)
     edges: dict[str, Literal["free", "simply_supported", "clamped"]] = {}
+    extrapolate: bool = False
 
     @field_validator("length_x", "length_y", mode="before")
     @classmethod

@@ -20,7 +20,7 @@ PACKAGES = ("torchplate-fem", "torch", "numpy", "scipy", "pyuff", "pydantic", "t
 def open_folder(recipe: Run, folder: Path, device: str) -> None:
     """Make the folder, and write the config as it is run and the versions it is run with."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.yaml").write_text(dump(_relocated(recipe, folder)))
+    (folder / "config.yaml").write_text(dump(relocated(recipe, folder)))
     (folder / "versions.json").write_text(json.dumps(_versions(device), indent=1) + "\n")
 
 
@@ -92,7 +92,7 @@ def _identity(recipe: Run) -> tuple[Any, ...]:
     return *own, config.mesh, config.effects, config.objective, measurement
 
 
-def _relocated(recipe: Run, folder: Path) -> dict[str, Any]:
+def relocated(recipe: Run, folder: Path) -> dict[str, Any]:
     """The config as it was run, overrides included; the measurement's path as seen from the run's folder."""
     raw = dict(recipe.raw)
     if recipe.config.measurement.file is not None:

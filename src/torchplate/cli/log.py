@@ -11,8 +11,11 @@ from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
+from torchplate.cli.diagnosis_figures import log_figures, step_tags
+from torchplate.diagnosis.ledger import Diagnosis
 from torchplate.search import Progress
 
+_DIAGNOSIS = ".diagnosis"
 HISTORY = ("search", "generation", "n_evaluation", "best_objective", "mean_objective", "spread")
 
 
@@ -91,6 +94,26 @@ class RunLog:
     def close(self) -> None:
         """Flush and close."""
         self._writer.close()
+
+
+def log_diagnosis(folder: Path, diagnosis: Diagnosis) -> None:
+    """Write a diagnosis for TensorBoard: the gap of each step, FRFs before and after, the map of the plate.
+
+    An earlier diagnosis in the folder is written over; what a search has logged there stays.
+
+    Args:
+        folder: where the event file goes, made if it is not there.
+        diagnosis: what was found.
+    """
+    for path in folder.glob(f"events.out.tfevents.*{_DIAGNOSIS}"):
+        path.unlink()
+    with SummaryWriter(str(folder), filename_suffix=_DIAGNOSIS) as writer:
+        for name, step in step_tags(diagnosis.steps):
+            writer.add_scalar(f"gap/{name}", step.gap, diagnosis.n_evaluation)
+            if step.heldout is not None:
+                writer.add_scalar(f"gap/heldout/{name}", step.heldout, diagnosis.n_evaluation)
+        for tag, figure in log_figures(diagnosis).items():
+            writer.add_figure(tag, figure, diagnosis.n_evaluation, close=False)
 
 
 def read_history(folder: Path) -> list[dict[str, str]]:

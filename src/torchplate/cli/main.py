@@ -12,6 +12,7 @@ from rich.table import Table
 from torchplate.cli.bench import PARTS, bench
 from torchplate.cli.compare import compare
 from torchplate.cli.config import InputError
+from torchplate.cli.diagnose import diagnose
 from torchplate.cli.inspect import inspect
 from torchplate.cli.ranks import Ended, join
 from torchplate.cli.run import follow, run
@@ -59,6 +60,14 @@ def _parser() -> argparse.ArgumentParser:
     verb.add_argument("--out", type=Path, required=True, help="the file to write: .uff or .npz")
     verb.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a value of the config")
     verb.set_defaults(verb=lambda a: simulate(a.config, a.out, a.set))
+
+    verb = verbs.add_parser("diagnose", help="find where model and measurement disagree, and name what is missing")
+    verb.add_argument("config", type=Path, help="YAML file")
+    verb.add_argument("--out", type=Path, help="the folder (default: runs/<config name>/<time>)")
+    verb.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a value of the config")
+    verb.add_argument("--device", default="cpu", help="where the tensors live (default: cpu)")
+    verb.add_argument("--resume", action="store_true", help="accepted as by run; a diagnosis is short and begins anew")
+    verb.set_defaults(verb=lambda a: diagnose(a.config, a.out, a.set, a.device, a.resume))
 
     verb = verbs.add_parser("compare", help="lay finished runs over each other")
     verb.add_argument("runs", type=Path, nargs="+", metavar="RUN_DIR", help="folders of finished runs")

@@ -73,7 +73,7 @@ def run(
     """
     console = console or Console()
     recipe = load_run(path, overrides)
-    model = recipe.model().to(_device(device if ranks is None else ranks.device))
+    model = recipe.model().to(device_named(device if ranks is None else ranks.device))
     measured = recipe.config.measurement
     alone = not model.names and measured.file is None and measured.natural_frequencies is None
     objective = None if alone else recipe.objective(model)
@@ -248,7 +248,7 @@ def _described(objective: Objective) -> str:
     return f"{' and '.join(parts)}; searching {names}"
 
 
-def _device(name: str) -> torch.device:
+def device_named(name: str) -> torch.device:
     try:
         device = torch.device(name)
         torch.zeros(1, device=device)

@@ -14,13 +14,16 @@ class MeshDiscretisation(Effect):
     Node labels stay. It multiplies `mesh.refine`, and is the same as raising that.
 
     Args:
-        refine: ≥ 2.
+        refine: ≥ 2, or 1 where the rest is extrapolated.
+        extrapolate: whether the error that is left is taken off too, by Richardson's extrapolation from a mesh twice as
+            fine; the same as `mesh.extrapolate`.
 
     Raises:
         ValueError: if refine is below 2.
     """
 
     refine: int = 2
+    extrapolate: bool = False
 
     parameters = {}
     acts_on = frozenset({"discretisation"})
@@ -28,7 +31,7 @@ class MeshDiscretisation(Effect):
     source = "Strang and Fix, An Analysis of the Finite Element Method (1973), chapter 6"
 
     def __post_init__(self) -> None:
-        if self.refine < 2:
+        if self.refine < (1 if self.extrapolate else 2):
             raise ValueError(
                 f"Expected mesh_discretisation.refine to be at least 2, got {self.refine}. Raise it, or leave the "
                 "effect out."
@@ -36,4 +39,6 @@ class MeshDiscretisation(Effect):
 
     def discretise(self, mesh: Mesh) -> Mesh:
         """The finer mesh."""
-        return dataclasses.replace(mesh, refine=mesh.refine * self.refine)
+        return dataclasses.replace(
+            mesh, refine=mesh.refine * self.refine, extrapolate=mesh.extrapolate or self.extrapolate
+        )

@@ -5,6 +5,7 @@
 - `frf`: receptances by modal sum, exact for local dashpots, and the direct solve that referees them.
 - `gradient`: their derivatives, exact where natural frequencies repeat too; `impedance`, `loewner`: below them.
 - `fine_mesh`: one member in sparse matrices, where dense ones would be too large.
+- `extrapolation`: the mesh error taken off, from a mesh twice as fine.
 - `reduced_basis`: a small basis for the whole box of the searched parameters.
 - `error_estimate`: how wrong it is, measured or estimated, member by member.
 - `modal_sum`: the sum over modes for many lines at once, and what is attached to it.
@@ -13,6 +14,7 @@
 """
 
 from torchplate.model.error_estimate import basis_error, estimated_error
+from torchplate.model.extrapolation import Extrapolated, extrapolate
 from torchplate.model.fine_mesh import DENSE, SparseModel
 from torchplate.model.modes import Modes
 from torchplate.model.parameter_space import ParameterSpace, Searched
@@ -21,6 +23,7 @@ from torchplate.model.reduced_basis import reduce
 
 __all__ = [
     "DENSE",
+    "Extrapolated",
     "Modes",
     "ParameterSpace",
     "PlateModel",
@@ -29,5 +32,6 @@ __all__ = [
     "SparseModel",
     "basis_error",
     "estimated_error",
+    "extrapolate",
     "reduce",
 ]

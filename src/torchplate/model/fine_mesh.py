@@ -37,6 +37,11 @@ class SparseModel:
         matrices = model.assembly.sparse(self.plan.section, self.plan.geometry, self.plan.terms)
         self.stiffness, self.mass, self.viscous, self.hysteretic = matrices
         self._factor: Any = None
+        # What a finer mesh would add is of low rank and dense: it stays beside the sparse stiffness.
+        self.correction: tuple[np.ndarray, np.ndarray] | None = None
+        if (more := model.assembly.correction) is not None:
+            scale = more.scale(self.plan.section.rigidity, self.plan.geometry)
+            self.correction = more.rows.cpu().numpy(), (scale * more.stiffness.to(scale)).cpu().numpy()
 
     def modes(self, n_mode: int, frequency: float = 0.0, dense: bool = False) -> Modes:
         """The lowest modes: at least `n_mode`, all up to `frequency` [Hz], and one beyond.
@@ -48,7 +53,11 @@ class SparseModel:
         """
         n = self.stiffness.shape[0]
         if dense:
-            value, shape = scipy.linalg.eigh(self.stiffness.toarray(), self.mass.toarray())
+            stiffness = self.stiffness.toarray()
+            if self.correction is not None:
+                rows, middle = self.correction
+                stiffness = stiffness + rows.T @ middle @ rows
+            value, shape = scipy.linalg.eigh(stiffness, self.mass.toarray())
         else:
             count = max(n_mode + 2, 20)
             while True:
@@ -92,7 +101,10 @@ class SparseModel:
     def impedance_parts(
         self, laplace: Complex[Tensor, " n_frequency"]
     ) -> tuple[list[scipy.sparse.csr_array], np.ndarray]:
-        """Matrices, and what each is times at every s [n_part, n_frequency], so that their sum is Z(s) [N/m]."""
+        """Matrices, and what each is times at every s [n_part, n_frequency], so that their sum is Z(s) [N/m].
+
+        Without the correction, which is κ times RᵀCR more.
+        """
         kappa, mu = self.model.assembly.proportional(self.plan.damping).at(laplace)
         parts, weight = [self.stiffness, self.mass, self.viscous], [kappa, mu, laplace]
         if self.hysteretic is not None:
@@ -102,8 +114,23 @@ class SparseModel:
     def solve(self, right: np.ndarray) -> np.ndarray:
         """(K + shift M)⁻¹ times columns; the factors are kept."""
         if self._factor is None:
-            self._factor = scipy.sparse.linalg.splu((self.stiffness + SHIFT * self.mass).tocsc())
-        return self._factor.solve(right)
+            factor = scipy.sparse.linalg.splu((self.stiffness + SHIFT * self.mass).tocsc())
+            self._factor = self._with_correction(factor.solve, 1.0)
+        return self._factor(right)
+
+    def _with_correction(self, solve: Callable[[np.ndarray], np.ndarray], factor: complex) -> Any:
+        """A solve with A made one with A + factor · Rᵀ C R (Woodbury, 1950); C need not have an inverse."""
+        if self.correction is None:
+            return solve
+        rows, middle = self.correction
+        columns = solve(np.ascontiguousarray(rows.T).astype(type(factor)))
+        small = np.linalg.solve(np.eye(len(rows)) + factor * middle @ (rows @ columns), factor * middle)
+
+        def corrected(right: np.ndarray) -> np.ndarray:
+            moved: np.ndarray = solve(right)
+            return moved - columns @ (small @ (rows @ moved))
+
+        return corrected
 
     def _receptance(self, laplace: Tensor, response: Tensor, reference: Tensor) -> Tensor:
         left, right = (rows.double().cpu().numpy() for rows in (response, reference))
@@ -111,5 +138,6 @@ class SparseModel:
         lines = []
         for line in weight.T:
             impedance = sum(w * part for part, w in zip(parts, line, strict=True))
-            lines.append(left @ scipy.sparse.linalg.splu(impedance.tocsc()).solve(right.T.astype(complex)))
+            factor = scipy.sparse.linalg.splu(impedance.tocsc())
+            lines.append(left @ self._with_correction(factor.solve, complex(line[0]))(right.T.astype(complex)))
         return torch.from_numpy(np.stack(lines)).to(laplace)

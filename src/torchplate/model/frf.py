@@ -165,7 +165,7 @@ def lines_at_once(memory: int, n_member: int, left: Tensor, right: Tensor, syste
     n_dashpot, n_mode = system.dashpot.shape[-2:]
     pairs = (left.shape[-2] + n_dashpot) * (right.shape[-2] + n_dashpot)
     numbers = 6 * n_mode + 6 * pairs
-    if system.hysteretic is not None:
+    if system.hysteretic is not None and not _has_complex_modes(system.proportional):
         numbers += 6 * n_mode**2
     if torch.is_grad_enabled():
         numbers += 20 * min(left.shape[-2], right.shape[-2]) * n_mode
@@ -195,10 +195,49 @@ def _solve_modal(
     viscous: Tensor,
     hysteretic: Tensor,
 ) -> Tensor:
-    """α where the damping couples the modes: one solve in modal coordinates at every line."""
+    """α where the damping couples the modes: complex modes where these are the same at all lines, else solves."""
+    if _has_complex_modes(proportional):
+        return _by_complex_modes(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, hysteretic)
     real, imaginary = modal_denominator(eigenvalue, proportional, laplace)
     coupling = (dashpot.mT @ (viscous[..., None] * dashpot))[..., None, :, :]
     impedance = torch.diag_embed(torch.complex(real, imaginary))
     impedance = impedance + 1j * hysteretic[..., None, :, :] + laplace[..., None, None] * coupling
     motion = solve_each(impedance, reference.mT[..., None, :, :].to(impedance))
     return response[..., None, :, :].to(impedance) @ motion
+
+
+def _has_complex_modes(proportional: Proportional) -> bool:
+    """Whether the same complex modes serve all lines: K is times one number at all of them."""
+    if torch.is_grad_enabled():
+        return False
+    try:
+        return not bool(torch.as_tensor(proportional.stiffness_coefficient).any())
+    except RuntimeError:
+        # Under `vmap` nobody may look.
+        return False
+
+
+def _by_complex_modes(
+    eigenvalue: Tensor,
+    proportional: Proportional,
+    laplace: Tensor,
+    response: Tensor,
+    reference: Tensor,
+    dashpot: Tensor,
+    viscous: Tensor,
+    hysteretic: Tensor,
+) -> Tensor:
+    """Z(s) = Λ (1 + iβ) + iH + μ(s), without the dashpots, has the complex modes of Λ (1 + iβ) + iH at every s."""
+    beta = proportional.stiffness_loss_factor
+    beta = beta[..., None] if isinstance(beta, Tensor) else beta
+    stiffness = torch.diag_embed(eigenvalue * (1 + 1j * beta)) + 1j * hysteretic
+    value, shape = torch.linalg.eig(stiffness)
+    left, right = stack_rows(dashpot, response), stack_rows(dashpot, reference)
+    rows = left.to(shape) @ shape
+    columns = torch.linalg.solve(shape, right.mT.to(shape)).mT
+    pairs = (rows[..., :, None, :] * columns[..., None, :, :]).flatten(-3, -2)
+    mu = proportional.at(laplace)[1]
+    found = pairs @ (1 / (value[..., :, None] + mu[..., None, :]))
+    found = found.unflatten(-2, (rows.shape[-2], columns.shape[-2])).movedim((-3, -2), (0, 1))
+    force = terms_first(viscous, found.ndim - 3) * laplace
+    return attach(found, force.expand(len(force), *found.shape[2:])).movedim((0, 1), (-2, -1))

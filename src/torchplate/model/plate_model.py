@@ -43,6 +43,7 @@ class PlateModel(nn.Module):
         kind: of the FRFs: receptance, mobility, accelerance, or transmissibility (response over the motion of the
             held edges; springs and dashpots to the ground then ride on that motion too).
         memory: bytes that one evaluation may take; larger populations go in chunks.
+        assembly: of this mesh, to share with other models; left out, one is made.
 
     Raises:
         ValueError: if there is not exactly one plate, a parameter is missing, unknown or outside what makes sense.
@@ -60,6 +61,7 @@ class PlateModel(nn.Module):
         reference: Sequence[Point] | None = None,
         kind: str = "receptance",
         memory: int = 2**30,
+        assembly: Assembly | None = None,
     ) -> None:
         super().__init__()
         searched = dict(searched or {})
@@ -97,7 +99,7 @@ class PlateModel(nn.Module):
         names = [key for key in everything if key in searched]
         self.space = ParameterSpace(names, [everything[k].unit for k in names], [searched[k] for k in names])
         self.register_buffer("known", torch.tensor(values, dtype=torch.float64))
-        self.assembly = Assembly(mesh)
+        self.assembly = Assembly(mesh) if assembly is None else assembly
         self.shared_modes: SharedModes | None = None
         # Made now, because what is first made inside a torch.func transform belongs to that transform.
         for name, member in vars(Mesh).items():
@@ -162,7 +164,7 @@ class PlateModel(nn.Module):
         twin._modules = dict(self._modules)
         section = self.plan(self.space.to_si(torch.full((len(self.names),), 0.5).to(self.known))).section
         by_element = any(part is not None and part.shape[-1] > 1 for part in section)
-        twin.assembly = Assembly(self.mesh, basis.cpu(), by_element).to(basis)
+        twin.assembly = Assembly(self.mesh, basis.cpu(), by_element, self.assembly.correction).to(basis)
         twin.shared_modes = shared_modes
         return twin
 

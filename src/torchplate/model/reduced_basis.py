@@ -68,7 +68,7 @@ def reduce(
         if whole is not None and (error := basis_error(model, whole, probes[0], frequency)) <= tolerance:
             return whole, error
     for margin, probe in zip(MARGIN, probes, strict=True):
-        basis = _basis(model, build, frequency, n_mode, margin)
+        basis = ritz_basis(model, build, frequency, n_mode, margin)
         if basis.shape[-1] > model.assembly.size // 2:
             return None
         reduced = model.projected(basis)
@@ -106,7 +106,7 @@ def _sharing(model: PlateModel, start: PlateModel, members: Tensor) -> PlateMode
     return model.projected(turn if start.assembly.basis is None else start.assembly.basis @ turn, shared)
 
 
-def _basis(
+def ritz_basis(
     model: PlateModel, theta: Tensor, frequency: Tensor | None, n_mode: int, margin: float
 ) -> Float[Tensor, "n_free n_basis"]:
     """Modes and residuals of all given members, M-orthonormal at the first."""

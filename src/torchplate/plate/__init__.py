@@ -7,8 +7,8 @@
 - `assemble`: Section and Local to mass, stiffness and damping, in every dof or in a reduced basis.
 """
 
-from torchplate.plate.assemble import Assembly
+from torchplate.plate.assemble import Assembly, Correction
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Geometry, Local, Plan, Proportional, Section, System
 
-__all__ = ["Assembly", "Geometry", "Local", "Mesh", "Plan", "Proportional", "Section", "System"]
+__all__ = ["Assembly", "Correction", "Geometry", "Local", "Mesh", "Plan", "Proportional", "Section", "System"]

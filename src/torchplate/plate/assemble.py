@@ -5,7 +5,9 @@ mass m is the unit square with rigidity Lx Ly T D T, T = diag(1/Lx², 1/Ly², 1/
 geometry is just one more coefficient, and where the section is the same everywhere K is a sum of six fixed matrices.
 """
 
+import copy
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -20,6 +22,34 @@ from torchplate.plate.section import Geometry, Local, Proportional, Section, Sys
 UNIFORM_BYTES = 256 * 2**20
 
 
+class Correction(NamedTuple):
+    """Rᵀ C R, which the stiffness of one plate lacks, and S R u, which its deflection u lacks.
+
+    Other plates lack the stiffness in proportion to their rigidity.
+
+    Attributes:
+        rows: R, over the free dofs.
+        stiffness: C.
+        shape: S.
+        rigidity: √(D₁₁ D₂₂) / (Lx Ly) of the plate it belongs to, mean over the elements [N/m].
+    """
+
+    rows: Float[Tensor, "n_row n_free"]
+    stiffness: Float[Tensor, "n_row n_row"]
+    shape: Float[Tensor, "n_free n_row"]
+    rigidity: Float[Tensor, ""]
+
+    def scale(self, rigidity: Float[Tensor, "*batch n_element 3 3"], geometry: Geometry) -> Float[Tensor, "*batch"]:
+        """The correction of other plates over that of this one."""
+        return self.measure(rigidity, geometry) / self.rigidity.to(rigidity)
+
+    @staticmethod
+    def measure(rigidity: Float[Tensor, "*batch n_element 3 3"], geometry: Geometry) -> Float[Tensor, "*batch"]:
+        """√(D₁₁ D₂₂) / (Lx Ly), mean over the elements [N/m]."""
+        mean = (rigidity[..., 0, 0] * rigidity[..., 1, 1]).sqrt().mean(-1)
+        return mean / (geometry.length_x * geometry.length_y)
+
+
 class Assembly(nn.Module):
     """Assembles on one mesh; held dofs are left out of every result.
 
@@ -27,6 +57,7 @@ class Assembly(nn.Module):
         mesh: the mesh.
         basis: columns over the free dofs; with it, all results are those of the projection basisᵀ (·) basis.
         by_element: whether elements will differ. Each is then projected once, where that fits.
+        correction: what the stiffness of a finer mesh would add; see `model.extrapolation`.
     """
 
     index: Tensor
@@ -36,13 +67,18 @@ class Assembly(nn.Module):
     mass_pattern: Tensor
     uniform: Tensor | None
     elements: Tensor | None
+    element_masses: Tensor | None
     basis: Tensor | None
 
     def __init__(
-        self, mesh: Mesh, basis: Float[Tensor, "n_free n_basis"] | None = None, by_element: bool = False
+        self,
+        mesh: Mesh,
+        basis: Float[Tensor, "n_free n_basis"] | None = None,
+        by_element: bool = False,
+        correction: "Correction | None" = None,
     ) -> None:
         super().__init__()
-        self.mesh = mesh
+        self.mesh, self.correction = mesh, correction
         dof = mesh.element_dof
         pattern, mass_pattern = element.patterns(1 / mesh.cells[0], 1 / mesh.cells[1])
         free = mesh.free_dof
@@ -58,15 +94,24 @@ class Assembly(nn.Module):
         self.register_buffer("basis", basis, persistent=False)
         self.register_buffer("uniform", None, persistent=False)
         self.register_buffer("elements", None, persistent=False)
+        self.register_buffer("element_masses", None, persistent=False)
         if basis is not None:
             self.uniform = torch.stack([self._projected(one) for one in (*pattern, mass_pattern)])
             if by_element and 7 * 8 * mesh.n_element * basis.shape[-1] ** 2 <= UNIFORM_BYTES:
                 rows = self._element_rows()
                 patterns = torch.cat([pattern, mass_pattern[None]])[:, None].to(rows)
-                self.elements = rows.mT @ (patterns @ rows)
+                # [n_element n_pattern, n n], as the products below want them: the stiffness patterns, then the mass.
+                every = (rows.mT @ (patterns @ rows)).transpose(0, 1).flatten(2)
+                self.elements, self.element_masses = every[:, :6].flatten(0, 1), every[:, 6].contiguous()
         elif 7 * 8 * len(free) ** 2 <= UNIFORM_BYTES:
             everywhere = torch.cat([pattern, mass_pattern[None]])[:, None].expand(-1, mesh.n_element, -1, -1)
             self.uniform = self._scatter(everywhere)
+
+    def corrected(self, correction: Correction) -> "Assembly":
+        """The same, with what the stiffness of a finer mesh would add; matrices are shared."""
+        twin = copy.copy(self)
+        twin.correction = correction
+        return twin
 
     @property
     def size(self) -> int:
@@ -94,7 +139,12 @@ class Assembly(nn.Module):
     ) -> Float[Tensor, "*batch n n"]:
         """Stiffness matrix K [N/m] from the rigidity of the elements [N m]."""
         coefficient = self.stiffness_coefficient(rigidity, geometry)
-        return self._assemble(coefficient, self.pattern, slice(0, 6))
+        stiffness = self._assemble(coefficient, self.pattern, slice(0, 6))
+        if self.correction is None:
+            return stiffness
+        rows, middle = self.correction.rows.to(stiffness), self.correction.stiffness.to(stiffness)
+        rows = rows if self.basis is None else rows @ self.basis
+        return stiffness + self.correction.scale(rigidity, geometry)[..., None, None] * (rows.mT @ (middle @ rows))
 
     def mass(self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry) -> Float[Tensor, "*batch n n"]:
         """Consistent mass matrix M [kg] from the mass per area of the elements [kg/m²]."""
@@ -104,6 +154,8 @@ class Assembly(nn.Module):
     def rows(self, vector: Float[Tensor, "*batch n_row n_dof"]) -> Float[Tensor, "*batch n_row n"]:
         """Rows over all dofs of the mesh, as rows over those of this assembly."""
         free = vector[..., self.free]
+        if self.correction is not None:
+            free = free + (free @ self.correction.shape.to(free)) @ self.correction.rows.to(free)
         return free if self.basis is None else free @ self.basis
 
     def translation_load(
@@ -157,7 +209,8 @@ class Assembly(nn.Module):
             lossy = section.rigidity * section.loss_factor[..., None, None]
             hysteretic = self._sparse(self.stiffness_coefficient(lossy, geometry), self.pattern)
         for term in terms:
-            row = csr_array(self.rows(term.vector).double().cpu().numpy())
+            # Without the correction, which would fill the matrices; it is of the order of the mesh error of a spring.
+            row = csr_array(term.vector[..., self.free].double().cpu().numpy())
             for name, value in (("mass", term.mass), ("stiffness", term.stiffness), ("viscous", term.viscous)):
                 if value is None:
                     continue
@@ -186,8 +239,8 @@ class Assembly(nn.Module):
             flat = self.uniform[which].flatten(1)
             return (coefficient[..., 0, :] @ flat).unflatten(-1, (self.size, self.size))
         coefficient = coefficient.expand(*coefficient.shape[:-2], self.mesh.n_element, coefficient.shape[-1])
-        if self.elements is not None:
-            flat = self.elements[which].transpose(0, 1).flatten(0, 1).flatten(1)
+        flat = self.elements if which.start == 0 else self.element_masses
+        if flat is not None:
             return (coefficient.flatten(-2) @ flat).unflatten(-1, (self.size, self.size))
         matrices = torch.einsum("...ek,kpq->...epq", coefficient, pattern)
         return self._scatter(matrices) if self.basis is None else self._project(matrices)

@@ -32,6 +32,8 @@ class Mesh:
         n_y: elements along y, ≥ 1.
         refine: each element is split in refine × refine; labels stay.
         edges: `free` (the default), `simply_supported` or `clamped` for x0, x1, y0, y1.
+        extrapolate: whether a model on this mesh is to have its remaining mesh error taken off; see
+            `model.extrapolation`.
 
     Raises:
         ValueError: if a side is not positive, a count is below 1, or an edge or its condition is unknown.
@@ -43,6 +45,7 @@ class Mesh:
     n_y: int
     refine: int = 1
     edges: Mapping[str, str] = field(default_factory=dict)
+    extrapolate: bool = False
 
     def __post_init__(self) -> None:
         for name in ("length_x", "length_y", "n_x", "n_y", "refine"):

@@ -1,0 +1,163 @@
+"""`torchplate diagnose`: where model and measurement disagree, the effect that is missing, and the model with it."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from rich.console import Console
+from rich.table import Table
+
+from torchplate.cli.build import Run, load_run
+from torchplate.cli.config import Known, dump, quantity
+from torchplate.cli.folder import open_folder, relocated, run_folder
+from torchplate.cli.run import device_named
+from torchplate.diagnosis import Diagnosis
+from torchplate.diagnosis import diagnose as find_missing
+
+MODEL = "model.yaml"
+VERDICTS = {
+    "consistent": "Nothing is missing: the model explains the measurement to its noise.",
+    "explained": "What was missing is named below; with it the model explains the measurement to its noise.",
+    "partly_explained": "What is named below explains a part; something else is missing.",
+    "unexplained": "Something is missing, and no effect of the catalogue accounts for it.",
+}
+
+
+def diagnose(
+    config: Path | str,
+    out: Path | None = None,
+    overrides: Sequence[str] = (),
+    device: str = "cpu",
+    resume: bool = False,
+    report: bool = True,
+    console: Console | None = None,
+) -> Diagnosis:
+    """Diagnose a config's model, and write diagnosis.json, model.yaml and the report.
+
+    Args:
+        config: the YAML file; its intervals are fitted, its numbers are taken as known, those with a std as known so
+            well.
+        out: the folder; `runs/<config name>/<time>` if left out.
+        overrides: "key.key=value" each.
+        device: where the tensors live.
+        resume: go on in `out`, or in the config's latest folder: a diagnosis that ended is read again, one that did
+            not begins anew.
+        report: whether to write report.md, report.html and the TensorBoard log.
+        console: where progress goes.
+
+    Raises:
+        InputError: if the config, the measurement or the device cannot be used.
+    """
+    console = console or Console()
+    recipe = load_run(config, overrides)
+    where = device_named(device)
+    model = recipe.model_as_given().to(where)
+    evidence = recipe.evidence()
+    if evidence.measurement is not None and evidence.natural_frequencies is not None:
+        raise recipe.error(
+            "measurement",
+            "Expected FRFs or natural frequencies for a diagnosis, got both. Take one of them out.",
+        )
+    recipe.told("effects", model.check_channels) if evidence.measurement is not None else None
+    folder = run_folder(recipe, out, resume=False)
+    open_folder(recipe, folder, device)
+    console.print(f"[bold]{recipe.path.stem}[/]")
+    measurement = None if evidence.measurement is None else evidence.measurement.to(where)
+    table = None if evidence.natural_frequencies is None else evidence.natural_frequencies.to(where)
+    found = recipe.told(
+        "measurement",
+        lambda: find_missing(
+            model,
+            measurement,
+            table,
+            tolerance=tolerances(recipe),
+            n_average=evidence.n_average,
+            gain_is_unknown=evidence.gain_is_unknown,
+            seed=recipe.config.search.seed,
+            say=lambda text: console.print(f"  {text}", style="dim", highlight=False),
+        ),
+    )
+    write(recipe, found, folder, report, str(config))
+    _say(console, found, folder)
+    return found
+
+
+def tolerances(recipe: Run) -> dict[str, float]:
+    """How well the config's numbers are known: "label.parameter", "mesh.length_x" → standard deviation."""
+    sides = {f"mesh.{side}": getattr(recipe.config.mesh, side).std for side in ("length_x", "length_y")}
+    found = {key: std for key, std in sides.items() if std > 0}
+    for label, body in recipe.config.effects.items():
+        for name, value in body.items():
+            if isinstance(value, Mapping) and "value" in value:
+                number = quantity(value)
+                if isinstance(number, Known) and number.std > 0:
+                    found[f"{label}.{name}"] = number.std
+    return found
+
+
+def write(recipe: Run, found: Diagnosis, folder: Path, report: bool, command: str) -> None:
+    """diagnosis.json, model.yaml and, if wanted, what people read."""
+    (folder / MODEL).write_text(dump(_updated(recipe, found, folder)))
+    content = found.to_dict() | {"model": MODEL}
+    (folder / "diagnosis.json").write_text(json.dumps(_plain(content), indent=1, allow_nan=False) + "\n")
+    if report:
+        from torchplate.cli.diagnosis_report import write_diagnosis
+        from torchplate.cli.log import log_diagnosis
+
+        write_diagnosis(recipe.path.stem, found, folder, f"torchplate diagnose {command}")
+        log_diagnosis(folder, found)
+
+
+def _updated(recipe: Run, found: Diagnosis, folder: Path) -> dict[str, Any]:
+    """The config with the effects added, every value a number."""
+    raw = relocated(recipe, folder)
+    effects: dict[str, Any] = {label: dict(body) for label, body in raw["effects"].items()}
+    by_label: dict[str, dict[str, float]] = {}
+    for name, one in found.parameters.items():
+        label, _, key = name.rpartition(".")
+        by_label.setdefault(label, {})[key] = one.value
+    for effect in found.effects:
+        effects[effect.label] = {"effect": effect.name, **_plain(effect.options)}
+    for label, values in by_label.items():
+        if label in effects:
+            effects[label] |= values
+    raw["effects"] = effects
+    raw["search"] = {key: value for key, value in dict(raw.get("search", {})).items() if key == "seed"}
+    return raw
+
+
+def _plain(value: Any) -> Any:
+    """What JSON and YAML hold: no tuples, no NaN."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float) and value != value:
+        return None
+    return value
+
+
+def _say(console: Console, found: Diagnosis, folder: Path) -> None:
+    console.print(f"  [bold]{found.verdict}[/]: {VERDICTS[found.verdict]}")
+    for effect in found.effects:
+        console.print(f"  {effect.evidence} Confidence {effect.confidence:.2f}.", highlight=False)
+    gap = found.gap
+    held = "" if gap.heldout_final is None else f" (held-out FRFs {gap.heldout_baseline:.3g} to {gap.heldout_final:.3g})"
+    console.print(f"  gap {gap.baseline:.3g} to {gap.final:.3g}{held}; noise floor {gap.noise_floor:.3g}")
+    if found.scores:
+        table = Table("effect", "expected drop", "gap after refit", "", box=None, padding=(0, 2))
+        for row in found.scores[0]:
+            table.add_row(
+                row.name,
+                f"{100 * row.expected_drop:.1f} %",
+                "" if row.gap is None else f"{row.gap:.3g}",
+                row.remark,
+            )
+        console.print(table)
+    for sentence in (*found.missing, *found.remarks):
+        console.print(f"  [yellow]Note:[/] {sentence}", highlight=False)
+    for sentence in found.next_measurements:
+        console.print(f"  Next: {sentence}", highlight=False)
+    console.print(f"  Results: {folder}", soft_wrap=True)

@@ -1,0 +1,18 @@
+"""Where simulation and measurement disagree, which effect is missing, and the gap once it is added.
+
+- `road`: the steps from the given model to the last one: baseline, score, refit, name, add, remove.
+- `noise`: the noise floor, from the measurement alone; `holdout`: the FRFs that no fit sees.
+- `target`: what the models are held against, and residuals from wide to sharp.
+- `workbench`: one mesh for all models, its error taken off, and bases that are right where they are used.
+- `candidate`: every effect of the catalogue that may be missing, with its options, places and sizes.
+- `screen`: the score test over all of them; `fit`: the refit of one.
+- `naming`: the best, its equivalents, how sure that is.
+- `localise`: where the misfit sits: in frequency, in the channels, on the plate, and of which kind it is.
+- `next_measurement`: the cheapest measurement that would part equivalents.
+- `summary`: what is said of all this; `ledger`: the object that holds it.
+"""
+
+from torchplate.diagnosis.ledger import Diagnosis
+from torchplate.diagnosis.road import diagnose
+
+__all__ = ["Diagnosis", "diagnose"]

@@ -1,0 +1,185 @@
+"""The fit of one hypothesis: from wide to sharp, from several starts, in a basis that follows it.
+
+The wide levels bring each start into the basin of the peaks; the sharp one, weighed by the noise, is the maximum of the
+likelihood. Where the parameters move, the basis of the start is no longer that of the end: it is built anew there, and
+the fit goes on until that changes nothing.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from torchplate.diagnosis.target import Misfit, Target
+from torchplate.diagnosis.workbench import Workbench
+from torchplate.model import PlateModel
+from torchplate.search.least_squares import least_squares
+
+# Iterations at each wide level, and at the sharp one.
+N_WIDE, N_SHARP = 6, 12
+# Bases built for one fit at most, and the relative change of the misfit at which the last is good.
+N_BASIS, SETTLED = 4, 2e-2
+
+
+class Fit(NamedTuple):
+    """A fitted model.
+
+    Attributes:
+        model: in all dofs, its mesh error taken off at the end.
+        reduced: in the basis of the end.
+        theta: its searched parameters in SI units.
+        covariance: of theta, from the noise; NaN where a parameter is not seen.
+        prediction: of the target.
+        misfit: sums of squares there, and those of the prior.
+        prior: what the tolerances add to the sum of squares.
+    """
+
+    model: PlateModel
+    reduced: PlateModel
+    theta: Float[Tensor, " n_parameter"]
+    covariance: Float[Tensor, "n_parameter n_parameter"]
+    prediction: Tensor
+    misfit: Misfit
+    prior: float
+
+    @property
+    def reduced_misfit(self) -> float:
+        """Mean square of all residuals over their variance: 1 where nothing but noise is left."""
+        total = self.misfit.n_fitted + self.misfit.n_heldout
+        return float(self.misfit.fitted + self.misfit.heldout) / max(1.0, total)
+
+    @property
+    def cost(self) -> float:
+        """Everything that speaks against it: fitted and held-out residuals, and tolerances broken."""
+        return float(self.misfit.fitted + self.misfit.heldout) + self.prior
+
+
+Prior = Mapping[str, tuple[float, float]]
+
+
+class Problem:
+    """Residuals of a model on the unit cube.
+
+    Args:
+        bench: what evaluates it.
+        model: whose searched parameters are fitted, in a basis.
+        prior: "label.parameter" → mean and standard deviation.
+    """
+
+    def __init__(self, bench: Workbench, model: PlateModel, prior: Prior) -> None:
+        self.bench, self.model = bench, model
+        known = [(model.names.index(name), *told) for name, told in prior.items() if name in model.names]
+        self._index = [index for index, _, _ in known]
+        self._mean, self._std = (torch.tensor([row[k] for row in known]).to(model.known) for k in (1, 2))
+
+    @property
+    def target(self) -> Target:
+        """What it is held against."""
+        return self.bench.target
+
+    def residual(self, position: Float[Tensor, "*batch n"], level: int) -> Float[Tensor, "*batch n_residual"]:
+        """Deviations at a level; at the sharp one with those from what is known beforehand."""
+        theta = self.model.space.to_si(position)
+        found = self.target.residual(self.bench.predict(self.model, theta), level)
+        if level < self.target.levels - 1 or not self._index:
+            return found
+        return torch.cat([found, self.told(theta)], dim=-1)
+
+    def told(self, theta: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n_prior"]:
+        """Deviations from what is known beforehand, over its standard deviation."""
+        return (theta[..., self._index] - self._mean) / self._std
+
+    def descend(
+        self, start: Float[Tensor, "n_start n"], level: int, n_iteration: int
+    ) -> tuple[Float[Tensor, "n_start n"], Float[Tensor, " n_start"], Float[Tensor, "n_start n_residual n"]]:
+        """Places where least squares ends, half their sums of squares, and the Jacobians there."""
+        found = least_squares(
+            lambda position: self.residual(position, level),
+            start.clamp(0.0, 1.0),
+            jacobian="forward",
+            n_iteration=n_iteration,
+            objective_tolerance=1e-4,
+            step_tolerance=1e-7,
+            damping=1e-2 if level < self.target.levels - 1 else 1e-3,
+        )
+        return found.position, found.objective, found.jacobian
+
+
+def widely(
+    problem: Problem, start: Float[Tensor, "n_start n"], keep: int = 1
+) -> tuple[Float[Tensor, "n_kept n"], Float[Tensor, " n_kept"]]:
+    """The best ends of several starts after all wide levels, best first, and their sums of squares at the last."""
+    levels = range(problem.target.levels - 1)
+    value = start.new_zeros(len(start))
+    for level in levels:
+        start, value, _ = problem.descend(start, level, N_WIDE)
+        kept = value.argsort()[: max(keep, len(start) // 2)]
+        start, value = start[kept], value[kept]
+    return start[:keep], value[:keep]
+
+
+def fit(
+    bench: Workbench,
+    model: PlateModel,
+    start: Float[Tensor, "n_start n"],
+    prior: Prior | None = None,
+    wide: bool = True,
+    beside: Sequence[Float[Tensor, " n"]] = (),
+) -> Fit:
+    """Fit a model from several starts.
+
+    Args:
+        bench: what builds and evaluates it.
+        model: in all dofs.
+        start: positions on the unit cube, the best one first.
+        prior: what is known of its parameters beforehand.
+        wide: whether to begin at the wide levels.
+        beside: further members that the first basis is to hold, in SI units.
+    """
+    prior = prior or {}
+    position = start[0]
+    value = torch.inf
+    for turn in range(N_BASIS):
+        theta = model.space.to_si(position)
+        if turn == 0:
+            corrected = bench.corrected(model, theta)[0]
+        members = torch.stack([theta, *(beside if turn == 0 else ())])
+        reduced = bench.reduced(corrected, members)
+        problem = Problem(bench, reduced, prior)
+        starts = start if turn == 0 else position[None]
+        if turn == 0 and wide and bench.target.levels > 1:
+            starts, _ = widely(problem, starts, keep=2)
+        places, values, jacobian = problem.descend(starts, bench.target.levels - 1, N_SHARP)
+        best = int(values.argmin())
+        before, value = value, float(values[best])
+        moved = (places[best] - position).abs().max()
+        position = places[best]
+        if turn > 0 and abs(before - value) <= SETTLED * value:
+            break
+        if float(moved) < 1e-6:
+            break
+    theta = model.space.to_si(position)
+    prediction = bench.predict(reduced, theta)
+    misfit = bench.target.misfit(prediction)
+    covariance = _covariance(jacobian[best], model, position, max(1.0, 2 * value / max(1.0, misfit.n_fitted)))
+    return Fit(
+        corrected, reduced, theta, covariance, prediction, misfit, float(problem.told(theta).square().sum())
+    )
+
+
+def _covariance(jacobian: Tensor, model: PlateModel, position: Tensor, scale: float) -> Tensor:
+    """Of theta in SI units, at noise `scale` times as strong; NaN where the data say nothing."""
+    if not len(model.names):
+        return jacobian.new_zeros(0, 0)
+    step = 1e-6
+    slope = (model.space.to_si(position + step) - model.space.to_si(position - step)) / (2 * step)
+    norm = jacobian.norm(dim=0)
+    seen = norm > 1e-9 * norm.max().clamp(min=1e-300)
+    scaled = jacobian[:, seen] / norm[seen]
+    inverse = torch.linalg.pinv(scaled.mT @ scaled, hermitian=True, rtol=1e-10) * scale
+    whole = jacobian.new_full((len(norm), len(norm)), torch.nan)
+    side = slope[seen] / norm[seen]
+    whole[seen[:, None] & seen] = (inverse * side[:, None] * side).flatten()
+    return whole

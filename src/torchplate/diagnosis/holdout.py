@@ -1,0 +1,63 @@
+"""Which FRFs no fit is to see.
+
+A fifth of them, spread over the responses and references so that each keeps some that are fitted. A single FRF, or two,
+cannot spare one.
+"""
+
+import math
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+PART = 0.2
+LEAST = 3
+# A held-out FRF whose misfit is so many times the median's is exchanged: what ails it alone must be seen to be found.
+OUTLIER = 4.0
+
+
+def held_out(measured: Bool[Tensor, "n_response n_reference"], seed: int = 0) -> Bool[Tensor, "n_response n_reference"]:
+    """A choice of held-out FRFs; none where there are fewer than three.
+
+    Args:
+        measured: which FRFs there are.
+        seed: of the choice.
+    """
+    heldout = torch.zeros_like(measured)
+    pairs = measured.nonzero()
+    if len(pairs) < LEAST:
+        return heldout
+    wanted = max(1, math.floor(PART * len(pairs)))
+    generator = torch.Generator().manual_seed(seed)
+    for j, k in pairs[torch.randperm(len(pairs), generator=generator)].tolist():
+        if int(heldout.sum()) == wanted:
+            break
+        left = measured & ~heldout
+        # A row or column of one FRF may go; the only two of one may not both.
+        if (left[j].sum() > 1 or measured[j].sum() == 1) and (left[:, k].sum() > 1 or measured[:, k].sum() == 1):
+            heldout[j, k] = True
+    return heldout
+
+
+def exchanged(
+    heldout: Bool[Tensor, "n_response n_reference"],
+    measured: Bool[Tensor, "n_response n_reference"],
+    misfit: Float[Tensor, "n_response n_reference"],
+) -> Bool[Tensor, "n_response n_reference"]:
+    """The choice with outliers given back to the fit, and ordinary FRFs held out in their place.
+
+    Args:
+        heldout: the choice.
+        measured: which FRFs there are.
+        misfit: mean square of the residuals of each over their variance, at the baseline.
+    """
+    middle = float(misfit[measured].median())
+    odd = heldout & (misfit > OUTLIER * middle)
+    if not bool(odd.any()):
+        return heldout
+    chosen = heldout & ~odd
+    spare = (measured & ~heldout).nonzero().tolist()
+    order = sorted(spare, key=lambda pair: abs(float(misfit[pair[0], pair[1]]) - middle))
+    for j, k in order[: int(odd.sum())]:
+        chosen[j, k] = True
+    return chosen

@@ -1,0 +1,112 @@
+"""From fitted hypotheses to a name, the names that are as good, and how sure that is.
+
+A hypothesis is judged by everything that speaks against it: squared residuals on fitted and on held-out FRFs over their
+variance (noise, and what is left of the mesh error), tolerances broken, and a price for each parameter. Differences
+count in units of the best one's own mean square where that is above 1: a model that leaves something unexplained knows
+less of what is small.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import math
+
+from torchplate.diagnosis.candidate import Candidate
+from torchplate.diagnosis.fit import Fit
+
+# What a parameter must take from the sum of squares to pay for itself.
+PRICE = 8.0
+# Hypotheses closer than this to the best cannot be told from it.
+EQUIVALENT = 14.0
+# An effect is taken where it takes this part of all that speaks against the model, and at least so much.
+LEAST_PART, LEAST_FALL = 0.04, 60.0
+# Mean square up to which nothing but noise is left.
+NOISE_ONLY = 1.15
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A model with one more effect, fitted.
+
+    Attributes:
+        candidate: the effect.
+        label: in the model.
+        fit: of the model.
+        n_parameter: that the effect brings.
+    """
+
+    candidate: Candidate
+    label: str
+    fit: Fit
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.candidate.name
+
+    @property
+    def price(self) -> float:
+        """Of its parameters; a choice among channels or edges is one, too."""
+        return PRICE * (len(self.candidate.searched) + bool(self.candidate.options))
+
+    @property
+    def cost(self) -> float:
+        """What speaks against it."""
+        return self.fit.cost + self.price
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The best hypothesis and those beside it.
+
+    Attributes:
+        best: the one to name.
+        equivalent: names of the others that are as good.
+        next_best: the best of those that are not; None if there is none.
+        margin: by which that one is worse.
+        confidence: that the true effect is the named one or one of its equivalents.
+    """
+
+    best: Hypothesis
+    equivalent: tuple[str, ...]
+    next_best: Hypothesis | None
+    margin: float
+    confidence: float
+
+
+def choose(hypotheses: Sequence[Hypothesis]) -> Choice:
+    """The best of some hypotheses, at least one, and its equivalents."""
+    ranked = sorted(hypotheses, key=lambda one: one.cost)
+    best = ranked[0]
+    unit = max(1.0, best.fit.reduced_misfit)
+    equivalent, others = [], []
+    for other in ranked[1:]:
+        if other.name == best.name:
+            continue
+        if (other.cost - best.cost) / unit <= EQUIVALENT:
+            equivalent.append(other.name)
+        else:
+            others.append(other)
+    next_best = others[0] if others else None
+    margin = (others[0].cost - best.cost) / unit if others else math.inf
+    return Choice(best, tuple(dict.fromkeys(equivalent)), next_best, margin, confidence(margin, unit))
+
+
+def confidence(margin: float, misfit: float) -> float:
+    """Probability that the set is right.
+
+    Args:
+        margin: by which the next best is worse.
+        misfit: mean square that the named model leaves.
+    """
+    certain = 1 / (1 + math.exp(-min(50.0, (margin - EQUIVALENT) / 20.0)))
+    # What is still unexplained may be what the name really stands for.
+    return 0.98 * (0.5 + 0.5 * (2 * certain - 1)) * min(1.0, (NOISE_ONLY / max(misfit, 1e-9)) ** 0.25)
+
+
+def is_needed(before: Fit, after: Hypothesis) -> bool:
+    """Whether an effect takes enough from what speaks against the model, on held-out FRFs too."""
+    unit = max(1.0, after.fit.reduced_misfit)
+    fall = before.cost - after.cost
+    held = after.fit.misfit.n_heldout == 0 or float(after.fit.misfit.heldout) < float(before.misfit.heldout)
+    return held and fall / unit > LEAST_FALL and fall > LEAST_PART * before.cost

@@ -1,0 +1,327 @@
+"""The road from a model that does not explain a measurement to one that does, or to saying what is missing.
+
+Baseline, noise floor, location; then, as long as something is missing that the catalogue has: score all effects, refit
+the most promising, name the best with its equivalents, add it. What a later effect made needless is removed again.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.quasirandom import SobolEngine
+
+from torchplate.diagnosis.candidate import Candidate, Channels, candidates
+from torchplate.diagnosis.fit import Fit, Problem, fit, widely
+from torchplate.diagnosis.holdout import exchanged, held_out
+from torchplate.diagnosis.ledger import Diagnosis
+from torchplate.diagnosis.naming import NOISE_ONLY, Choice, Hypothesis, choose, is_needed
+from torchplate.diagnosis.noise import Noise, noise_level
+from torchplate.diagnosis.screen import Scored as Promise
+from torchplate.diagnosis.screen import screen
+from torchplate.diagnosis.summary import summarise
+from torchplate.diagnosis.target import FrequencyTarget, FrfTarget, Target
+from torchplate.diagnosis.workbench import Workbench, with_candidate, without_effect
+from torchplate.measurement import Measurement, NaturalFrequencies
+from torchplate.model import PlateModel
+
+# Members of the first look over the box, and those that go down from there.
+N_LOOK, N_DESCEND = 96, 8
+# Candidates that go down the wide levels, by name, and that are refitted sharply: within so much of the best.
+N_WIDE, N_SHARP, NEAR = 9, 6, 6.0
+# Hypotheses from which the next effect is looked for where one alone does not explain the data.
+N_BEAM = 2
+# A second option of the same effect is followed if it promises at least this part of the first's.
+SECOND = 0.6
+# A place is a node's if it is this near to it, relative to the plate.
+ON_NODE = 1e-4
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the road has come to.
+
+    Attributes:
+        model: the given one with the effects named so far, in all dofs.
+        fit: of it.
+        named: the effects, with what was known when each was named.
+    """
+
+    model: PlateModel
+    fit: Fit
+    named: tuple["Naming", ...] = ()
+
+
+@dataclass(frozen=True)
+class Naming:
+    """An effect that was added, and why."""
+
+    hypothesis: Hypothesis
+    choice: Choice
+    before: Fit
+
+
+@dataclass(frozen=True)
+class Travelled:
+    """Everything the road has seen.
+
+    Attributes:
+        bench: what evaluated the models.
+        noise: of the FRFs; None for a table of natural frequencies.
+        given: the fit of the given model on its own mesh.
+        baseline: the given model on a mesh whose error is taken off.
+        final: the last model.
+        looks: over the catalogue, in the order they were taken.
+    """
+
+    bench: Workbench
+    noise: Noise | None
+    given: Fit
+    baseline: State
+    final: State
+    looks: tuple["Looked", ...]
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What one look over the catalogue gave."""
+
+    promises: tuple[Promise, ...]
+    hypotheses: tuple[Hypothesis, ...]
+
+
+@torch.no_grad()
+def diagnose(
+    model: PlateModel,
+    measurement: Measurement | None = None,
+    natural_frequencies: NaturalFrequencies | None = None,
+    *,
+    tolerance: Mapping[str, float] | None = None,
+    n_average: int | None = None,
+    gain_is_unknown: bool = False,
+    most_effects: int = 3,
+    seed: int = 0,
+    say: Callable[[str], None] = lambda _: None,
+) -> Diagnosis:
+    """Find where a model and a measurement disagree, name what is missing, add it, and show the gap shrink.
+
+    Args:
+        model: the model as it is believed; its searched parameters are fitted, its numbers are not.
+        measurement: FRFs; the model's responses and references are theirs.
+        natural_frequencies: a table instead of FRFs.
+        tolerance: how well numbers are known: "label.parameter", "mesh.length_x" → standard deviation in SI units.
+        n_average: records behind each FRF, where known.
+        gain_is_unknown: the level of the FRFs carries no unit.
+        most_effects: that may be added.
+        seed: of the choice of held-out FRFs.
+        say: is told what is being tried.
+
+    Raises:
+        ValueError: if there is neither a measurement nor a table, or both.
+    """
+    if (measurement is None) == (natural_frequencies is None):
+        raise ValueError("Expected either FRFs or natural frequencies, got both or neither. Give one of them.")
+    began = time.monotonic()
+    noise: Noise | None = None
+    target: Target
+    if measurement is not None:
+        noise = noise_level(measurement, n_average)
+        target = FrfTarget(measurement, noise.std, held_out(measurement.measured, seed), gain_is_unknown)
+    else:
+        assert natural_frequencies is not None
+        target = FrequencyTarget(natural_frequencies)
+    road = Road(model, target, dict(tolerance or {}), say)
+    baseline = road.baseline()
+    given = road.as_given(baseline)
+    state, looks = road.travel(baseline, most_effects)
+    return summarise(Travelled(road.bench, noise, given, baseline, state, tuple(looks)), time.monotonic() - began)
+
+
+def _channels(model: PlateModel) -> Channels:
+    """The model's responses and references, by node label where they sit on a node."""
+    grid = model.mesh.places(list(range(1, (model.mesh.n_x + 1) * (model.mesh.n_y + 1) + 1)))
+
+    def labels(points: Sequence[Any] | None) -> tuple[Any, ...]:
+        found: list[Any] = []
+        for point in points or ():
+            place = model.mesh.places([point])
+            away = (grid - place).norm(dim=-1)
+            found.append(int(away.argmin()) + 1 if float(away.min()) < ON_NODE else tuple(place[0].tolist()))
+        return tuple(found)
+
+    return Channels(labels(model.response), labels(model.reference))
+
+
+class Road:
+    """The steps, each of which can be taken alone.
+
+    Args:
+        model: the given one.
+        target: what it is held against.
+        tolerance: how well its numbers are known.
+        say: is told what is being tried.
+    """
+
+    def __init__(
+        self, model: PlateModel, target: Target, tolerance: Mapping[str, float], say: Callable[[str], None]
+    ) -> None:
+        self.given, self.bench = model, Workbench(model, target)
+        self.tolerance, self.channels, self.say = tolerance, _channels(model), say
+
+    def baseline(self) -> State:
+        """The given model, fitted on a mesh whose error is taken off; and on its own mesh, to see what that costs."""
+        bench, model, target = self.bench, self.bench.given, self.bench.target
+        self.say(f"baseline: fitting {', '.join(model.names) or 'nothing'}")
+        middle = model.space.to_si(model.known.new_full((len(model.names),), 0.5))
+        extrapolated = bench.corrected(model, middle)
+        if isinstance(target, FrfTarget):
+            target.set_model_error(bench.shift(extrapolated.frequency, extrapolated.error))
+        start = self._first_look(extrapolated.model, middle)
+        found = fit(bench, model, start, wide=False)
+        if isinstance(target, FrfTarget):
+            square = (target.measured - found.prediction).abs().square() / target.variance
+            changed = exchanged(target.heldout, target.measurement.measured, square.mean(0) / 2)
+            if not torch.equal(changed, target.heldout):
+                target.hold_out(changed)
+                found = fit(bench, model, model.space.to_cube(found.theta)[None], wide=False)
+        self.say(f"baseline: misfit {found.reduced_misfit:.3g} times what noise explains")
+        return State(model, found)
+
+    def _first_look(self, model: PlateModel, middle: Tensor) -> Tensor:
+        """Where to begin: members spread over the box, the best of them down the wide levels."""
+        n = len(model.names)
+        start = model.known.new_full((1, n), 0.5)
+        if not n:
+            return start
+        problem = Problem(self.bench, self.bench.reduced(model, middle[None]), {})
+        look = torch.cat([start, SobolEngine(n).draw(N_LOOK, dtype=torch.float64).to(middle)])
+        value = problem.residual(look, 0).square().sum(-1)
+        start = look[value.argsort()[:N_DESCEND]]
+        return widely(problem, start, keep=2)[0] if self.bench.target.levels > 1 else start
+
+    def as_given(self, baseline: State) -> Fit:
+        """The fit of the given model on its own mesh, error and all."""
+        bench = Workbench(self.given, self.bench.target, as_given=True)
+        start = baseline.model.space.to_cube(baseline.fit.theta)[None]
+        found = fit(bench, bench.given, start, wide=self.bench.target.levels > 1)
+        self.bench.n_evaluation += bench.n_evaluation
+        return found
+
+    def travel(self, state: State, most_effects: int) -> tuple[State, list[Looked]]:
+        """Add effects as long as they are needed and there are some."""
+        looks: list[Looked] = []
+        while len(state.named) < most_effects:
+            look = self.look(state)
+            looks.append(look)
+            if not look.hypotheses:
+                break
+            choice = choose(look.hypotheses)
+            if not is_needed(state.fit, choice.best):
+                break
+            single = self._added(state, choice)
+            if single.fit.reduced_misfit <= NOISE_ONLY or len(state.named) + 1 >= most_effects:
+                state = single
+                break
+            # One alone does not do: the best pair need not begin with the best single one.
+            further = self._pairs(state, look, single, looks)
+            if further is None:
+                state = single
+                break
+            state = further
+            if state.fit.reduced_misfit <= NOISE_ONLY:
+                break
+        return self._without_needless(state), looks
+
+    def _pairs(self, state: State, look: Looked, single: State, looks: list[Looked]) -> State | None:
+        ranked = sorted(look.hypotheses, key=lambda one: one.cost)
+        beam: list[State] = [single]
+        for other in ranked[1:]:
+            if len(beam) < N_BEAM and is_needed(state.fit, other) and other.name != ranked[0].name:
+                beam.append(self._added(state, choose([other, *(one for one in ranked if one.name != other.name)]), other))
+        best: State | None = None
+        for start in beam:
+            names = " + ".join(one.hypothesis.name for one in start.named)
+            self.say(f"{names} leaves {start.fit.reduced_misfit:.3g}: looking for what else is missing")
+            more = self.look(start)
+            looks.append(more)
+            if not more.hypotheses:
+                continue
+            choice = choose(more.hypotheses)
+            if not is_needed(start.fit, choice.best):
+                continue
+            found = self._added(start, choice)
+            if best is None or found.fit.cost < best.fit.cost:
+                best = found
+            if found.fit.reduced_misfit <= NOISE_ONLY:
+                break
+        return best
+
+    def look(self, state: State) -> Looked:
+        """Score the whole catalogue, and refit what promises most."""
+        bench = self.bench
+        base = bench.reduced(state.fit.model, state.fit.theta[None], by_element=True)
+        everyone = candidates(base, state.fit.theta, self.tolerance, self.channels)
+        self.say(f"scoring {len(everyone)} candidates at {sum(len(one.grid) for one in everyone)} places and sizes")
+        promises = screen(bench, base, state.fit.theta, everyone)
+        wide = []
+        for promise in _promising(promises):
+            problem = Problem(bench, promise.model, self._prior(promise.candidate, promise.label))
+            starts, value = promise.starts, torch.zeros(1)
+            if bench.target.levels > 1:
+                starts, value = widely(problem, promise.starts, keep=2)
+            wide.append((float(value[0]), promise, starts))
+        wide.sort(key=lambda one: one[0])
+        hypotheses: list[Hypothesis] = []
+        # Where nothing but noise is left, a look at the best two is a check.
+        wanted = 2 if state.fit.reduced_misfit <= NOISE_ONLY else N_SHARP
+        for value, promise, starts in wide[:wanted]:
+            if hypotheses and bench.target.levels > 1 and value > NEAR**2 * wide[0][0] and len(hypotheses) > 1:
+                continue
+            self.say(f"refitting with {promise.candidate.name}")
+            hypotheses.append(self._refit(state.model, promise.candidate, promise.label, starts))
+        return Looked(tuple(promises), tuple(hypotheses))
+
+    def _refit(self, model: PlateModel, candidate: Candidate, label: str, starts: Tensor) -> Hypothesis:
+        whole = with_candidate(model, label, candidate)
+        found = fit(self.bench, whole, starts, self._prior(candidate, label), wide=self.bench.target.levels == 1)
+        self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
+        return Hypothesis(candidate, label, found)
+
+    def _prior(self, candidate: Candidate, label: str) -> dict[str, tuple[float, float]]:
+        return {f"{label}.{key}": told for key, told in candidate.prior.items()}
+
+    def _added(self, state: State, choice: Choice, hypothesis: Hypothesis | None = None) -> State:
+        hypothesis = hypothesis or choice.best
+        if hypothesis is not choice.best:
+            choice = replace(choice, best=hypothesis)
+        model = with_candidate(state.model, hypothesis.label, hypothesis.candidate)
+        return State(model, hypothesis.fit, (*state.named, Naming(hypothesis, choice, state.fit)))
+
+    def _without_needless(self, state: State) -> State:
+        """Take out again what the other effects made needless."""
+        if len(state.named) < 2:
+            return state
+        for naming in state.named[:-1]:
+            label = naming.hypothesis.label
+            model = without_effect(state.model, label)
+            kept = [state.model.names.index(name) for name in model.names]
+            found = fit(self.bench, model, model.space.to_cube(state.fit.theta[kept])[None], wide=False)
+            back = replace(naming.hypothesis, fit=state.fit)
+            if not is_needed(found, back):
+                self.say(f"{naming.hypothesis.name} is no longer needed")
+                rest = tuple(one for one in state.named if one is not naming)
+                return self._without_needless(State(model, found, rest))
+        return state
+
+
+def _promising(promises: Sequence[Promise]) -> list[Promise]:
+    """The first of each name, and a second option of a name that promises nearly as much."""
+    best: dict[str, list[Promise]] = {}
+    for promise in promises:
+        own = best.setdefault(promise.candidate.name, [])
+        if not own or (len(own) == 1 and promise.drop >= SECOND * own[0].drop):
+            own.append(promise)
+    ranked = sorted(best.values(), key=lambda own: -own[0].drop)[:N_WIDE]
+    return [promise for own in ranked for promise in own]

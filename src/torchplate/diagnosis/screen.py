@@ -1,0 +1,169 @@
+"""The score test: what each effect would take from the gap, before any of them is refitted.
+
+Every candidate is tried at all its places and a few sizes in one batch. With r the residuals of the baseline, δ the
+change that a member makes and both freed of what the fitted parameters can do (P projects out their Jacobian), the best
+multiple α of the change takes
+
+    drop = (2 α rᵀδ − α² δᵀδ) / rᵀr,    α = rᵀδ / δᵀδ within its limits,
+
+from the squared misfit: the score test of statistics, with a finite step; structural equation modelling prints it as
+modification index and expected parameter change (Sörbom, Psychometrika 54, 1989, 371).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from torchplate.diagnosis.candidate import Candidate, distance, vector
+from torchplate.diagnosis.fit import Problem
+from torchplate.diagnosis.workbench import Workbench, with_candidate
+from torchplate.model import PlateModel
+from torchplate.search.jacobian import JACOBIANS
+
+# The level at which candidates are scored.
+LEVEL = 1
+# How far the linear model is believed, in multiples of the step tried.
+LOWEST, HIGHEST = -1.0, 2.5
+# Starts of one candidate for its refit, and how far apart they must sit.
+N_START, APART = 3, 0.2
+# Signatures are parallel from this cosine on.
+PARALLEL = 0.98
+
+
+class Scored(NamedTuple):
+    """A candidate and what it promises.
+
+    Attributes:
+        candidate: the effect with its options.
+        label: that it would get.
+        model: the baseline with it, in the shared basis.
+        drop: part of the squared misfit that its best member would take away.
+        values: of that member, after the best multiple of its change.
+        starts: on the unit cube of `model`, the best first.
+        signature: direction of its change, unit length.
+    """
+
+    candidate: Candidate
+    label: str
+    model: PlateModel
+    drop: float
+    values: Mapping[str, float]
+    starts: Float[Tensor, "n_start n"]
+    signature: Float[Tensor, " n_residual"]
+
+
+def screen(
+    bench: Workbench, base: PlateModel, theta: Float[Tensor, " n_parameter"], everyone: Sequence[Candidate]
+) -> list[Scored]:
+    """Score all candidates, the most promising first.
+
+    Args:
+        bench: what evaluates them.
+        base: the baseline in a basis that the candidates share.
+        theta: its fitted parameters.
+        everyone: the candidates.
+    """
+    level = min(LEVEL, bench.target.levels - 1)
+    here = Problem(bench, base, {})
+    position = base.space.to_cube(theta)
+    residual = here.residual(position, level)
+    if len(base.names):
+        jacobian = JACOBIANS["forward"].differentiate(lambda p: here.residual(p, level), position[None], residual[None])
+        known = torch.linalg.qr(jacobian[0] / jacobian[0].norm(dim=0).clamp(min=1e-300)).Q
+    else:
+        known = residual.new_zeros(len(residual), 0)
+
+    def free(change: Tensor) -> Tensor:
+        return change - (change @ known) @ known.mT
+
+    left = free(residual)
+    total = float(left.square().sum())
+    found = []
+    for candidate in everyone:
+        label = new_label(base, candidate.name)
+        model = with_candidate(base, label, candidate)
+        members = _members(model, theta, base, candidate, label)
+        with torch.no_grad():
+            there = Problem(bench, model, {}).residual(model.space.to_cube(members), level)
+        change = free(residual - there)
+        size = change.square().sum(-1).clamp(min=1e-300)
+        along = change @ left
+        # A discrete effect is there or not.
+        alpha = (along / size).clamp(LOWEST, HIGHEST) if candidate.searched else torch.ones_like(size)
+        drop = (2 * alpha * along - alpha.square() * size) / max(total, 1e-300)
+        values = [_moved(candidate, dict(one), float(a)) for one, a in zip(candidate.grid, alpha, strict=True)]
+        chosen = _apart(values, drop)
+        starts = torch.stack([_start(model, theta, base, values[index], label) for index in chosen])
+        best = chosen[0]
+        found.append(
+            Scored(
+                candidate, label, model, float(drop[best]), values[best], starts, change[best] / size[best].sqrt()
+            )
+        )
+    return sorted(found, key=lambda one: -one.drop)
+
+
+def twins(scored: Sequence[Scored]) -> list[tuple[str, ...]]:
+    """For each candidate, the names of those whose signature is parallel to its own."""
+    found = []
+    for one in scored:
+        near = {
+            other.candidate.name
+            for other in scored
+            if abs(float(one.signature @ other.signature)) >= PARALLEL and other.candidate.name != one.candidate.name
+        }
+        found.append(tuple(sorted(near)))
+    return found
+
+
+def new_label(model: PlateModel, name: str) -> str:
+    """A label that the model does not have yet."""
+    number = 1
+    while f"{name}_{number}" in model.effects:
+        number += 1
+    return f"{name}_{number}"
+
+
+def _members(model: PlateModel, theta: Tensor, base: PlateModel, candidate: Candidate, label: str) -> Tensor:
+    own = torch.stack([vector(model, values, label) for values in candidate.grid]).to(theta)
+    return torch.where(own.isnan(), _spread(model, theta, base), own)
+
+
+def _spread(model: PlateModel, theta: Tensor, base: PlateModel) -> Tensor:
+    """The baseline's values in the order of a larger model; zero for what it does not have."""
+    position = {name: index for index, name in enumerate(base.names)}
+    return torch.stack([theta[position[name]] if name in position else theta.new_zeros(()) for name in model.names])
+
+
+def _moved(candidate: Candidate, values: dict[str, float], alpha: float) -> dict[str, float]:
+    """A member's values after `alpha` times its step from the neutral ones; places and sizes stay."""
+    for key, value in values.items():
+        interval, neutral = candidate.searched[key], candidate.neutral.get(key)
+        if neutral is None:
+            continue
+        if interval.logarithmic and min(value, neutral) > 0:
+            moved = neutral * (value / neutral) ** alpha
+        else:
+            moved = neutral + alpha * (value - neutral)
+        values[key] = min(max(moved, interval.low), interval.high)
+    return values
+
+
+def _apart(values: Sequence[Mapping[str, float]], drop: Tensor) -> list[int]:
+    """The best members, none of them near a better one."""
+    chosen: list[int] = []
+    for index in drop.argsort(descending=True).tolist():
+        if all(distance(values[index], values[other]) >= APART for other in chosen):
+            chosen.append(index)
+        if len(chosen) == N_START:
+            break
+    return chosen
+
+
+def _start(model: PlateModel, theta: Tensor, base: PlateModel, values: Mapping[str, float], label: str) -> Tensor:
+    own = vector(model, values, label).to(theta)
+    whole = torch.where(own.isnan(), _spread(model, theta, base), own)
+    return model.space.to_cube(whole).clamp(1e-3, 1 - 1e-3)

@@ -1,0 +1,248 @@
+"""From the road travelled to what is said of it: verdict, names, evidence, what is missing, what to measure next."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from torchplate.diagnosis.fit import Fit
+from torchplate.diagnosis.ledger import Diagnosis, Estimate, Gap, Location, Named, Overlay, Scored, Step, Verdict
+from torchplate.diagnosis.localise import localise
+from torchplate.diagnosis.naming import LEAST_FALL, LEAST_PART, NOISE_ONLY, Hypothesis
+from torchplate.diagnosis.next_measurement import next_measurements
+from torchplate.diagnosis.noise import Noise
+from torchplate.diagnosis.screen import twins
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.diagnosis.workbench import Workbench, with_numbers
+from torchplate.model import PlateModel
+
+if TYPE_CHECKING:
+    from torchplate.diagnosis.road import Looked, Naming, State, Travelled
+
+# A gap of no more than this many noise floors is at the floor.
+AT_FLOOR = 1.1
+# Effects that are the same thing under another name wherever the first is found.
+SAME_THING = {"ground_spring": ("support_spring",), "ground_dashpot": ("support_spring",)}
+SHARE_LISTED = 0.02
+
+
+def summarise(seen: "Travelled", seconds: float) -> Diagnosis:
+    """Everything that is reported.
+
+    Args:
+        seen: what the road has seen.
+        seconds: that it took.
+    """
+    bench, noise, baseline, final = seen.bench, seen.noise, seen.baseline, seen.final
+    verdict = _verdict(bench, noise, final)
+    finer = _finer_mesh(seen)
+    effects = () if verdict in ("consistent", "unexplained") else tuple(_named(bench, one) for one in final.named)
+    sets = [(one.name, *one.equivalent) for one in effects]
+    unexplained = verdict in ("unexplained", "partly_explained")
+    n_frf = len(bench.target.measurement.pairs) if isinstance(bench.target, FrfTarget) else 0
+    symmetric = bool(effects) and _on_symmetry(bench.given)
+    return Diagnosis(
+        verdict=verdict,
+        effects=(*finer, *effects),
+        gap=_gap(bench, noise, seen.given if finer else baseline.fit, final.fit),
+        location=_location(bench, noise, baseline, final),
+        scores=tuple(_table(one, effects, bench) for one in seen.looks),
+        steps=_steps(seen, bool(finer)),
+        missing=_missing(bench, noise, final, verdict),
+        remarks=_remarks(noise, final),
+        next_measurements=tuple(next_measurements(sets, unexplained, 0 < n_frf < 3, symmetric)),
+        parameters=_estimates(final.fit),
+        model=with_numbers(final.fit.model, final.fit.theta),
+        overlay=_overlay(bench, noise, seen.given if finer else baseline.fit, final.fit),
+        n_evaluation=bench.n_evaluation,
+        seconds=seconds,
+    )
+
+
+def _finer_mesh(seen: "Travelled") -> tuple[Named, ...]:
+    """The mesh as a missing effect of its own, where its error shows."""
+    bench, given, baseline = seen.bench, seen.given, seen.baseline.fit
+    fall = given.cost - baseline.cost
+    if fall < LEAST_FALL or fall < LEAST_PART * given.cost:
+        return ()
+    before, after = (float(bench.target.gap(one.prediction)) for one in (given, baseline))
+    cells = " × ".join(str(cell) for cell in bench.mesh.cells)
+    text = (
+        f"On {cells} elements, with the error of the natural frequencies extrapolated, the fitted model's gap is "
+        f"{_percent(after)} instead of {_percent(before)}."
+    )
+    options = {"refine": bench.split, "extrapolate": True}
+    return (Named("mesh_discretisation", "mesh_discretisation", options, (), 0.99, {}, text, before, after),)
+
+
+def _verdict(bench: Workbench, noise: Noise | None, final: "State") -> Verdict:
+    at_floor = final.fit.reduced_misfit <= NOISE_ONLY
+    if noise is not None:
+        gap = float(bench.target.gap(final.fit.prediction))
+        at_floor = at_floor or gap <= AT_FLOOR * noise.floor
+    if not final.named:
+        return "consistent" if at_floor else "unexplained"
+    return "explained" if at_floor else "partly_explained"
+
+
+def _named(bench: Workbench, naming: "Naming") -> Named:
+    hypothesis, choice = naming.hypothesis, naming.choice
+    before, after = (float(bench.target.gap(one.prediction)) for one in (naming.before, hypothesis.fit))
+    found = _estimates(hypothesis.fit)
+    prefix = f"{hypothesis.label}."
+    parameters = {name.removeprefix(prefix): one for name, one in found.items() if name.startswith(prefix)}
+    equivalent = dict.fromkeys([*choice.equivalent, *SAME_THING.get(hypothesis.name, ())])
+    equivalent.pop(hypothesis.name, None)
+    rival = choice.next_best
+    against = ""
+    if rival is not None:
+        rest = float(bench.target.gap(rival.fit.prediction))
+        against = f"; the next best, {rival.name}, leaves {_percent(rest)}"
+    alike = f"; these data cannot tell it from {' or '.join(equivalent)}" if equivalent else ""
+    text = (
+        f"{hypothesis.name} ({_values(parameters, hypothesis)}) takes the gap from {_percent(before)} to "
+        f"{_percent(after)}{against}{alike}."
+    )
+    return Named(
+        name=hypothesis.name,
+        label=hypothesis.label,
+        options=hypothesis.candidate.options,
+        equivalent=tuple(equivalent),
+        confidence=round(choice.confidence, 3),
+        parameters=parameters,
+        evidence=text,
+        gap_before=before,
+        gap_after=after,
+    )
+
+
+def _values(parameters: Mapping[str, Estimate], hypothesis: Hypothesis) -> str:
+    parts = [f"{name} {one.value:.4g}{'' if one.unit == '-' else ' ' + one.unit}" for name, one in parameters.items()]
+    parts += [f"{name} {value}" for name, value in hypothesis.candidate.options.items()]
+    return ", ".join(parts) or "no number"
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.3g} %"
+
+
+def _estimates(fit: Fit) -> dict[str, Estimate]:
+    found = {}
+    std = fit.covariance.diagonal().clamp(min=0).sqrt().tolist()
+    for name, unit, value, one in zip(fit.model.names, fit.model.units, fit.theta.tolist(), std, strict=True):
+        found[name] = Estimate(value, None if math.isnan(one) else one, unit)
+    return found
+
+
+def _gap(bench: Workbench, noise: Noise | None, before: Fit, after: Fit) -> Gap:
+    def one(fit: Fit, heldout: bool) -> float | None:
+        value = float(bench.target.gap(fit.prediction, heldout))
+        return None if math.isnan(value) else value
+
+    floor = noise.floor if noise is not None else float((bench.target.std / bench.target.table.frequency).square().mean().sqrt())  # type: ignore[attr-defined]
+    return Gap(one(before, False) or 0.0, one(after, False) or 0.0, one(before, True), one(after, True), floor)
+
+
+def _steps(seen: "Travelled", finer: bool) -> tuple[Step, ...]:
+    bench, final = seen.bench, seen.final
+
+    def one(label: str, fit: Fit) -> Step:
+        held = float(bench.target.gap(fit.prediction, True))
+        gap = float(bench.target.gap(fit.prediction))
+        return Step(label, gap, None if math.isnan(held) else held, fit.reduced_misfit)
+
+    steps = [one("baseline", seen.given if finer else seen.baseline.fit)]
+    if finer:
+        steps.append(one("+ mesh_discretisation", seen.baseline.fit))
+    steps += [one(f"+ {naming.hypothesis.name}", naming.hypothesis.fit) for naming in final.named]
+    if final.named and final.fit is not final.named[-1].hypothesis.fit:
+        steps.append(one("without what was needless", final.fit))
+    return tuple(steps)
+
+
+def _table(look: "Looked", effects: Sequence[Named], bench: Workbench) -> tuple[Scored, ...]:
+    """The score table of one look: of each effect the option that promises most."""
+    alike = twins(look.promises)
+    refits = {one.name: one for one in sorted(look.hypotheses, key=lambda one: -one.cost)}
+    named = {one.name for one in effects}
+    equivalent = {other for one in effects for other in one.equivalent}
+    rows: dict[str, Scored] = {}
+    for promise, near in zip(look.promises, alike, strict=True):
+        name = promise.candidate.name
+        if name in rows:
+            continue
+        refit = refits.get(name)
+        gap = None if refit is None else float(bench.target.gap(refit.fit.prediction))
+        if name in named:
+            remark = "named"
+        elif name in equivalent:
+            remark = "equivalent"
+        elif gap is not None:
+            remark = f"rejected: a refit leaves {_percent(gap)}"
+        else:
+            remark = "rejected: promises too little"
+        rows[name] = Scored(name, promise.candidate.options, promise.drop, promise.values, near, gap, remark)
+    return tuple(rows.values())
+
+
+def _location(bench: Workbench, noise: Noise | None, baseline: "State", final: "State") -> Location:
+    target = bench.target
+    if not isinstance(target, FrfTarget) or noise is None:
+        return Location((), (), {}, None)
+    return localise(
+        target.measurement,
+        target.variance.sqrt(),
+        baseline.fit.prediction,
+        baseline.fit.reduced,
+        baseline.fit.theta,
+        target.heldout,
+        after=final.fit.prediction,
+    )
+
+
+def _missing(bench: Workbench, noise: Noise | None, final: "State", verdict: Verdict) -> tuple[str, ...]:
+    """What is left without a name: how big, where, in which band, of which kind."""
+    if verdict in ("consistent", "explained") or noise is None:
+        return ()
+    target = bench.target
+    assert isinstance(target, FrfTarget)
+    gap = float(target.gap(final.fit.prediction))
+    left = localise(
+        target.measurement,
+        target.variance.sqrt(),
+        final.fit.prediction,
+        final.fit.reduced,
+        final.fit.theta,
+        target.heldout,
+    )
+    size = f"A gap of {_percent(gap)} is left, {gap / max(noise.floor, 1e-300):.1f} times what noise explains."
+    return (size, *left.sentences)
+
+
+def _remarks(noise: Noise | None, final: "State") -> tuple[str, ...]:
+    sentences = list(() if noise is None else noise.sentences)
+    model, theta = final.fit.model, final.fit.theta
+    if len(model.names):
+        for name, on in zip(model.names, model.space.at_bound(theta).tolist(), strict=True):
+            if on:
+                sentences.append(f"{name} sits on the edge of its interval: widen it, or take it as a sign.")
+    return tuple(sentences)
+
+
+def _overlay(bench: Workbench, noise: Noise | None, before: Fit, after: Fit) -> Overlay | None:
+    target = bench.target
+    if not isinstance(target, FrfTarget) or noise is None:
+        return None
+    return Overlay(target.measurement, noise.std, before.prediction, after.prediction, target.heldout)
+
+
+def _on_symmetry(model: PlateModel) -> bool:
+    """Whether all responses, or all references, lie on one line of symmetry of the plate."""
+
+    def on(points: Tensor) -> bool:
+        return any(bool(((points[:, axis] - 0.5).abs() < 1e-6).all()) for axis in (0, 1))
+
+    sides = [model.mesh.places(list(points)) for points in (model.response, model.reference) if points]
+    return bool(sides) and all(on(torch.as_tensor(side)) for side in sides)

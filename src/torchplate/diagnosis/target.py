@@ -1,0 +1,228 @@
+"""What the models are held against: measured FRFs or natural frequencies, and how far off noise alone would put them.
+
+Residuals come at several levels. At the sharp one each line is weighed by its noise, and by what is left of the mesh
+error: a relative shift s of a mode moves H by s · dH/d ln f, which stands beside the noise in the variance. At the wide
+ones the deviation is first smoothed along the frequency axis by the kernel of one mode,
+
+    (F r)_i = Σ_j r_j Δω_j / (σ_i + i (ω_i − ω_j)),    σ_i = width · ω_i,
+
+the same for model and measurement: what it makes small is what both would show at s = iω + σ. So peaks that do not
+overlap attract each other, and the minimum is that of the sharp level where the model is right.
+"""
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from torchplate.measurement import Measurement, NaturalFrequencies
+from torchplate.model import PlateModel
+
+# Half-widths of the kernel, relative to the frequency, from the widest level to the narrowest.
+WIDTHS = (0.05, 0.02, 0.007)
+SHARP = len(WIDTHS)
+# Lines of a smoothed spectrum for each half-width.
+PER_WIDTH = 1.3
+# What the basis and the solver leave, relative to the FRF; and what the mesh leaves of the modes' deflections and of the
+# static flexibility, relative to the level around a line: at the low and at the high end of the band.
+ROUNDING = 5e-4
+SHAPE = (4e-4, 1.8e-3)
+# The level around a line is taken over this part of its frequency on either side.
+AROUND = 0.08
+
+
+class Misfit(NamedTuple):
+    """How far a prediction is off, on what the fit saw and on what it did not.
+
+    Attributes:
+        fitted: sum of squares over the variance.
+        heldout: likewise; 0 where nothing is held out.
+        n_fitted: real numbers behind it.
+        n_heldout: likewise.
+    """
+
+    fitted: Float[Tensor, "*batch"]
+    heldout: Float[Tensor, "*batch"]
+    n_fitted: float
+    n_heldout: float
+
+
+class Target(ABC):
+    """Something measured that models predict."""
+
+    levels: int
+
+    @abstractmethod
+    def predict(self, model: PlateModel, theta: Tensor) -> Tensor:
+        """What the model says of it."""
+
+    @abstractmethod
+    def residual(self, prediction: Tensor, level: int) -> Float[Tensor, "*batch n_residual"]:
+        """Deviations on the fitted part, as real numbers, at a level."""
+
+    @abstractmethod
+    def misfit(self, prediction: Tensor) -> Misfit:
+        """Sums of squares over the variance."""
+
+    @abstractmethod
+    def gap(self, prediction: Tensor, heldout: bool = False) -> Float[Tensor, "*batch"]:
+        """The gap on the fitted or on the held-out part; NaN where there is none."""
+
+
+class FrfTarget(Target):
+    """Measured FRFs.
+
+    Args:
+        measurement: what was measured.
+        noise: standard deviation of the real and of the imaginary part.
+        heldout: FRFs that no fit is to see.
+        gain_is_unknown: the level carries no unit: one factor for all FRFs is fitted to each prediction.
+    """
+
+    def __init__(
+        self,
+        measurement: Measurement,
+        noise: Float[Tensor, "n_frequency n_response n_reference"],
+        heldout: Bool[Tensor, "n_response n_reference"],
+        gain_is_unknown: bool = False,
+    ) -> None:
+        self.measurement, self.noise = measurement, noise
+        self.gain_is_unknown = gain_is_unknown
+        self.frequency = measurement.frequency
+        self.measured = measurement.frf
+        self.levels = SHARP + 1
+        self.model_variance = torch.zeros_like(noise)
+        self._filters = [_kernel(self.frequency, width) for width in WIDTHS]
+        self.hold_out(heldout)
+
+    def hold_out(self, heldout: Bool[Tensor, "n_response n_reference"]) -> None:
+        """Hold out these FRFs from now on."""
+        self.heldout = heldout & self.measurement.measured
+        self.fitted = self.measurement.measured & ~heldout
+        self._scales = [self._level_scale(kernel) for kernel in self._filters]
+
+    def _level_scale(self, kernel: Tensor) -> Tensor:
+        """One over the smoothed size of each FRF: so that every band weighs alike."""
+        power = kernel.abs().square() @ self.measured.abs().square().flatten(1)
+        power = power.unflatten(1, self.measured.shape[1:])
+        floor = 1e-3 * power.mean(0)
+        scale = 1 / (power + floor).sqrt().clamp(min=1e-300)
+        return scale * self.fitted
+
+    def set_model_error(self, shift: Float[Tensor, " n_frequency"]) -> None:
+        """Let what is left of the mesh error stand beside the noise.
+
+        Args:
+            shift: standard deviation of ln f at each line [-].
+        """
+        step = self.frequency.diff()[:, None, None]
+        slope = (self.measured.diff(dim=0) / step).abs()
+        edge = slope.new_zeros(1, *slope.shape[1:])
+        # The steeper side: a peak may stand between two lines.
+        steepest = torch.maximum(torch.cat([edge, slope]), torch.cat([slope, edge]))
+        moved = steepest * (self.frequency * shift)[:, None, None]
+        power = self.measured.abs().square()
+        away = (self.frequency[:, None] - self.frequency) / (AROUND * self.frequency[:, None] + float(step.median()))
+        weight = torch.exp(-0.5 * away.square())
+        around = ((weight / weight.sum(-1, keepdim=True)) @ power.flatten(1)).unflatten(1, power.shape[1:])
+        part = SHAPE[0] + (SHAPE[1] - SHAPE[0]) * (self.frequency / self.frequency[-1])[:, None, None]
+        self.model_variance = 0.5 * (moved.square() + ROUNDING**2 * power + part.square() * around)
+
+    @property
+    def variance(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
+        """Of the real and of the imaginary part: noise and model."""
+        floor = 1e-12 * self.measured.abs().square().mean(0)
+        return self.noise.square() + self.model_variance + floor
+
+    def predict(self, model: PlateModel, theta: Tensor) -> Tensor:
+        """FRFs of the measured channels, at the fitted level where the measurement has none."""
+        found = model.frf(theta, self.frequency)
+        if self.gain_is_unknown:
+            weight = torch.where(self.fitted, 1 / self.measured.abs().square().sum(0).clamp(min=1e-300), 0.0)
+            above = (weight * (found.conj() * self.measured).real).sum((-3, -2, -1))
+            below = (weight * found.abs().square()).sum((-3, -2, -1))
+            found = found * (above / below.clamp(min=1e-300))[..., None, None, None]
+        return found
+
+    def residual(self, prediction: Tensor, level: int) -> Tensor:
+        """Deviations of the fitted FRFs: smoothed, or over their standard deviation at the sharp level."""
+        off = self.measured - prediction
+        if level < SHARP:
+            kernel = self._filters[level].to(off)
+            smooth = (kernel @ off.flatten(-2)).unflatten(-1, off.shape[-2:]) * self._scales[level]
+            kept = smooth[..., self.fitted]
+        else:
+            kept = (off / self.variance.sqrt())[..., self.fitted]
+        return torch.view_as_real(kept).flatten(-3)
+
+    def misfit(self, prediction: Tensor) -> Misfit:
+        """Sums of squares over the variance."""
+        square = (self.measured - prediction).abs().square() / self.variance
+        count = 2 * len(self.frequency)
+        held = self.heldout & self.measurement.measured
+        return Misfit(
+            square[..., self.fitted].sum((-2, -1)),
+            square[..., held].sum((-2, -1)),
+            float(count * int(self.fitted.sum())),
+            float(count * int(held.sum())),
+        )
+
+    def gap(self, prediction: Tensor, heldout: bool = False) -> Tensor:
+        """Mean over FRFs of ‖measured − model‖ / ‖measured‖."""
+        each = self.gaps(prediction)
+        which = (self.heldout & self.measurement.measured) if heldout else self.fitted
+        return each[..., which].mean(-1)
+
+    def gaps(self, prediction: Tensor) -> Float[Tensor, "*batch n_response n_reference"]:
+        """The gap of each FRF."""
+        size = self.measured.norm(dim=0).clamp(min=1e-300)
+        return (self.measured - prediction).norm(dim=-3) / size
+
+
+class FrequencyTarget(Target):
+    """A table of measured natural frequencies.
+
+    Args:
+        table: the modes and their frequencies; where it has no standard deviation, `relative_std` stands in.
+        relative_std: of a natural frequency [-].
+    """
+
+    def __init__(self, table: NaturalFrequencies, relative_std: float = 2e-3) -> None:
+        self.table, self.levels = table, 1
+        self.mode = table.mode - 1
+        std = relative_std * table.frequency
+        self.std = std if table.std is None else torch.where(table.std > 0, table.std, std)
+
+    def predict(self, model: PlateModel, theta: Tensor) -> Tensor:
+        """The natural frequencies of the same modes [Hz]."""
+        return model.natural_frequencies(theta, int(self.mode.max()) + 1)[..., self.mode]
+
+    def residual(self, prediction: Tensor, level: int) -> Tensor:  # noqa: ARG002
+        """Deviations over their standard deviation."""
+        return (self.table.frequency - prediction) / self.std
+
+    def misfit(self, prediction: Tensor) -> Misfit:
+        """Sum of squares; nothing is held out."""
+        square = self.residual(prediction, 0).square().sum(-1)
+        return Misfit(square, torch.zeros_like(square), float(len(self.mode)), 0.0)
+
+    def gap(self, prediction: Tensor, heldout: bool = False) -> Tensor:
+        """Root mean square of the relative error."""
+        off = ((prediction - self.table.frequency) / self.table.frequency).square().mean(-1).sqrt()
+        return torch.full_like(off, torch.nan) if heldout else off
+
+
+def _kernel(frequency: Float[Tensor, " n_frequency"], width: float) -> Tensor:
+    """The smoothing of one level [n_smooth, n_frequency]."""
+    step = torch.gradient(frequency)[0] if len(frequency) > 1 else torch.ones_like(frequency)
+    low = max(float(frequency[0]), float(step[0]))
+    centres, at = [], low
+    while at <= float(frequency[-1]):
+        centres.append(at)
+        at += max(width * at / PER_WIDTH, float(step.min()))
+    centre = torch.tensor(centres, dtype=frequency.dtype)
+    half = torch.maximum(width * centre, 1.0 * step.median())
+    kernel = step / torch.complex(half[:, None].expand(-1, len(frequency)), centre[:, None] - frequency)
+    return kernel / kernel.abs().square().sum(-1, keepdim=True).sqrt()

@@ -1,0 +1,19 @@
+"""The blind benchmark: plates made by another discretisation, with something hidden in them, and a score.
+
+`python tests/blind --set A --out runs/blind/A --workers 2` draws 160 cases, runs `torchplate diagnose` on each and
+scores it.
+
+Map:
+    splines: B-splines on 0 to 1 and their one-dimensional integrals
+    ritz: the truth: Kirchhoff plates by an isogeometric Ritz method, their modes
+    response: FRFs from those modes, with dampers, windows and the sensor chain
+    beyond: what no effect of the catalogue describes
+    plates: the two plates under test, and how they were tested
+    effects: the hidden effects: ranges, draws, and what each does to the truth
+    detect: whether a hidden effect shows in the FRFs once what the config searches is fitted
+    cases: the suite: which kind each case is, drawn by seed set and index
+    twins: which names count as right
+    place: what is right of places, sizes and moduli
+    score: verdicts and tables
+    suite: draws, runs and records, in worker processes
+"""

@@ -1,0 +1,311 @@
+"""The truth: free, held or sprung Kirchhoff plates by an isogeometric Ritz method.
+
+w(x, y) = Σ q_ij N_i(x/Lx) N_j(y/Ly) with splines of degree 5, C4 within the plate, C1 where the rigidity jumps and C0
+at a hinge. Every integral is a sum of products of one-dimensional ones, so every matrix is a sum of Kronecker products.
+Nothing here is shared with torchplate. Energy: U = ½ ∫ κᵀ D κ, κ = (w,xx, w,yy, 2w,xy).
+
+Source: Leissa, The free vibration of rectangular plates, J. Sound Vib. 31 (1973) 257, for values to hold it against;
+Lekhnitskii, Anisotropic Plates (1968), for the orthotropic D; Leissa, Vibration of Shells, NASA SP-288, for the shallow
+shell.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import comb, sqrt
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from blind.splines import Splines
+
+Interval = tuple[float, float]
+WHOLE: Interval = (0.0, 1.0)
+# Spans a side, even ones: FRFs up to 400 Hz to 3e-4 at the least damping of the suite, breaks as below.
+N_SPAN = 14
+# Knots on either side of a patch's edge, relative to the plate: its corners are singular, weakly.
+GRADED = (0.005, 0.02)
+# Plates whose modes are kept.
+N_KEPT = 4
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A square of side size · √(Lx Ly) [m] with its centre at a relative place."""
+
+    x: float
+    y: float
+    size: float
+    factor: float = 1.0  # rigidity there over the sound one [-]
+    loss_factor: float = 0.0  # beyond the plate's [-]
+
+
+@dataclass(frozen=True)
+class RitzPlate:
+    """Everything that makes a plate and its supports; places are relative, 0 to 1.
+
+    Args:
+        length_x: nominal side [m]; the real one is length_x / √aspect_ratio.
+        length_y: nominal side [m]; the real one is length_y √aspect_ratio.
+        young: √(Ex Ey) [Pa].
+        poisson: √(νx νy) [-].
+        density: [kg/m³].
+        thickness: at the middle of the plate [m].
+        young_ratio: Ey/Ex [-].
+        shear_factor: G over E / (2 (1 + ν)) [-].
+        taper: slopes of h(x, y)/h over x and y [-].
+        masses: (x, y, kg).
+        springs: (x, y, N/m).
+        dashpots: (x, y, N s/m).
+        edges: clamped or simply_supported for x0, x1, y0, y1.
+        edge_springs: (edge, N/m², N/rad) per nominal length of edge.
+        stress: amplitude P of the Airy function P 256 (x(1-x) y(1-y))² of a residual stress [N m].
+        curvature: of a shallow shell, 1/R along x and y [1/m].
+        hinge: (place along x, N/rad per length), or None.
+    """
+
+    length_x: float
+    length_y: float
+    young: float
+    poisson: float
+    density: float
+    thickness: float
+    aspect_ratio: float = 1.0
+    young_ratio: float = 1.0
+    shear_factor: float = 1.0
+    taper: tuple[float, float] = (0.0, 0.0)
+    patches: Sequence[Patch] = ()
+    masses: Sequence[tuple[float, float, float]] = ()
+    springs: Sequence[tuple[float, float, float]] = ()
+    dashpots: Sequence[tuple[float, float, float]] = ()
+    edges: Mapping[str, str] = field(default_factory=dict)
+    edge_springs: Sequence[tuple[str, float, float]] = ()
+    stress: float = 0.0
+    curvature: tuple[float, float] = (0.0, 0.0)
+    hinge: tuple[float, float] | None = None
+
+    @property
+    def sides(self) -> tuple[float, float]:
+        """The real sides [m]."""
+        return self.length_x / sqrt(self.aspect_ratio), self.length_y * sqrt(self.aspect_ratio)
+
+    def covered(self, patch: Patch) -> tuple[Interval, Interval]:
+        """The part of the plate under a patch; the nominal sides say what is square."""
+        stretch = sqrt(self.length_y / self.length_x)
+        half_x, half_y = patch.size * stretch / 2, patch.size / stretch / 2
+        return (
+            (max(patch.x - half_x, 0.0), min(patch.x + half_x, 1.0)),
+            (max(patch.y - half_y, 0.0), min(patch.y + half_y, 1.0)),
+        )
+
+
+class Matrices(NamedTuple):
+    """Mass [kg], stiffness with springs [N/m], the stiffness of patches times their loss factors, and the splines."""
+
+    mass: np.ndarray
+    stiffness: np.ndarray
+    hysteretic: np.ndarray | None
+    x: Splines
+    y: Splines
+    kept: np.ndarray  # which products of splines no edge holds
+
+    def rows(self, place: Sequence[Sequence[float]]) -> np.ndarray:
+        """Deflection at relative places over the coefficients [n_place, n]."""
+        x, y = np.asarray(place, float).reshape(-1, 2).T
+        return (self.x.at(x)[:, :, None] * self.y.at(y)[:, None, :]).reshape(len(x), -1)[:, self.kept]
+
+
+class Modes(NamedTuple):
+    """Undamped modes: ω² [rad²/s²], coefficients of mass-normalised shapes, and the matrices they belong to."""
+
+    eigenvalue: np.ndarray
+    shape: np.ndarray
+    matrices: Matrices
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Natural frequencies [Hz]."""
+        return np.sqrt(self.eigenvalue.clip(0.0)) / (2 * np.pi)
+
+    def deflection(self, place: Sequence[Sequence[float]]) -> np.ndarray:
+        """Modal deflection at places [n_place, n_mode] [1/√kg]."""
+        return self.matrices.rows(place) @ self.shape
+
+
+_KEPT: dict[str, Modes] = {}
+
+
+def modes(plate: RitzPlate, n_span: int = N_SPAN) -> Modes:
+    """All modes of a plate; those of the last few plates are kept."""
+    key = f"{plate} {n_span}"
+    if key not in _KEPT:
+        while len(_KEPT) >= N_KEPT:
+            del _KEPT[next(iter(_KEPT))]
+        _KEPT[key] = _solve(plate, n_span)
+    return _KEPT[key]
+
+
+def _solve(plate: RitzPlate, n_span: int) -> Modes:
+    found = matrices(plate, n_span)
+    # A mass-normalised basis: splines at an edge weigh little.
+    scale = 1 / np.sqrt(np.diag(found.mass))
+    value, shape = scipy.linalg.eigh(
+        found.stiffness * scale * scale[:, None], found.mass * scale * scale[:, None], check_finite=False
+    )
+    return Modes(value, shape * scale[:, None], found)
+
+
+def matrices(plate: RitzPlate, n_span: int = N_SPAN) -> Matrices:
+    """Mass and stiffness over the products of splines."""
+    x, y = (Splines(n_span, breaks) for breaks in _breaks(plate, n_span))
+    kept = _kept(plate, x, y)
+    stiffness = _bending(plate, x, y, WHOLE, WHOLE)
+    hysteretic = np.zeros_like(stiffness)
+    for patch in plate.patches:
+        under = _bending(plate, x, y, *plate.covered(patch))
+        stiffness += (patch.factor - 1) * under
+        hysteretic += patch.loss_factor * under
+    stiffness += _edges(plate, x, y)
+    if plate.stress:
+        stiffness += _residual_stress(plate, x, y)
+    if any(plate.curvature):
+        stiffness += _membrane(plate, x, y)
+    if plate.hinge is not None:
+        place, rotational = plate.hinge
+        jump = (x.at(place, 1) - x.left_of(place, 1)) / plate.sides[0]
+        stiffness += rotational * plate.sides[1] * np.kron(np.outer(jump, jump), y.integral(0, 0))
+    found = Matrices(_mass(plate, x, y), stiffness, None, x, y, np.ones(x.size * y.size, bool))
+    for matrix, terms in ((found.mass, plate.masses), (found.stiffness, plate.springs)):
+        for place_x, place_y, coefficient in terms:
+            row = found.rows([(place_x, place_y)])[0]
+            matrix += coefficient * np.outer(row, row)
+    cut = np.ix_(kept, kept)
+    lossy = hysteretic[cut] if any(patch.loss_factor for patch in plate.patches) else None
+    return Matrices(found.mass[cut], found.stiffness[cut], lossy, x, y, kept)
+
+
+def _breaks(plate: RitzPlate, n_span: int) -> tuple[dict[float, int], dict[float, int]]:
+    found: tuple[dict[float, int], dict[float, int]] = ({}, {})
+    for along in (0, 1):
+        # r² log r at a heavy point: two smaller spans on either side of it.
+        heavy = [*plate.masses, *(t for t in plate.springs if t[2] > 3e3), *(t for t in plate.dashpots if t[2] > 1)]
+        for term in heavy:
+            for offset in (-0.35, -0.1, 0.1, 0.35):
+                found[along][term[along] + offset / n_span] = 4
+            found[along][term[along]] = 2
+    for patch in plate.patches:
+        for own, interval in zip(found, plate.covered(patch), strict=True):
+            if patch.factor != 1:
+                own |= {edge + sign * offset: 4 for edge in interval for offset in GRADED for sign in (-1, 1)}
+            own |= dict.fromkeys(interval, 1)
+    if plate.hinge is not None:
+        found[0][plate.hinge[0]] = 0
+    return found
+
+
+def _kept(plate: RitzPlate, x: Splines, y: Splines) -> np.ndarray:
+    free = [np.ones(x.size, bool), np.ones(y.size, bool)]
+    for edge, condition in plate.edges.items():
+        n_held = {"free": 0, "simply_supported": 1, "clamped": 2}[condition]
+        own = free["xy".index(edge[0])]
+        for index in range(n_held):
+            own[index if edge[1] == "0" else -1 - index] = False
+    return np.outer(*free).ravel()
+
+
+def _powers(plate: RitzPlate, power: int) -> list[tuple[float, int, int]]:
+    """(1 + a X + b Y)^power as coefficients of X^i Y^j, X and Y from the middle of the plate."""
+    a, b = plate.taper
+    terms = [
+        (comb(power, i) * comb(power - i, j) * a**i * b**j, i, j)
+        for i, j in itertools.product(range(power + 1), repeat=2)
+        if i + j <= power
+    ]
+    return [term for term in terms if term[0]]
+
+
+def _bending(plate: RitzPlate, x: Splines, y: Splines, over_x: Interval, over_y: Interval) -> np.ndarray:
+    """∫ κᵀ D κ over a rectangle of the plate."""
+    lx, ly = plate.sides
+    mean = plate.young * plate.thickness**3 / 12
+    plane, root = mean / (1 - plate.poisson**2), sqrt(plate.young_ratio)
+    shear = plate.shear_factor * mean / (2 * (1 + plate.poisson))
+    total = np.zeros((x.size * y.size,) * 2)
+    for coefficient, i, j in _powers(plate, 3):
+        x00, x22, x20, x11 = (_power(x, over_x, i, *n) for n in ((0, 0), (2, 2), (2, 0), (1, 1)))
+        y00, y22, y20, y11 = (_power(y, over_y, j, *n) for n in ((0, 0), (2, 2), (2, 0), (1, 1)))
+        cross = np.kron(x20, y20.T)
+        total += coefficient * (
+            plane / root * ly / lx**3 * np.kron(x22, y00)
+            + plane * root * lx / ly**3 * np.kron(x00, y22)
+            + plane * plate.poisson / (lx * ly) * (cross + cross.T)
+            + 4 * shear / (lx * ly) * np.kron(x11, y11)
+        )
+    return total
+
+
+def _mass(plate: RitzPlate, x: Splines, y: Splines) -> np.ndarray:
+    """∫ ρ h w²."""
+    lx, ly = plate.sides
+    total = np.zeros((x.size * y.size,) * 2)
+    for coefficient, i, j in _powers(plate, 1):
+        total += coefficient * np.kron(_power(x, WHOLE, i, 0, 0), _power(y, WHOLE, j, 0, 0))
+    return plate.density * plate.thickness * lx * ly * total
+
+
+def _power(splines: Splines, over: Interval, power: int, order: int, other: int) -> np.ndarray:
+    """∫ (t − ½)^power N^(order) N^(other) dt."""
+    return splines.integral(order, other, over, lambda t: (t - 0.5) ** power)
+
+
+def _edges(plate: RitzPlate, x: Splines, y: Splines) -> np.ndarray:
+    """∫ (k w² + κ w,n²) ds."""
+    total = np.zeros((x.size * y.size,) * 2)
+    for edge, spring, rotational in plate.edge_springs:
+        across_x = edge[0] == "x"
+        across, along = (x, y) if across_x else (y, x)
+        length = plate.length_y if across_x else plate.length_x
+        side = plate.length_x if across_x else plate.length_y
+        end = float(edge[1])
+        value, slope = across.at(end), across.at(end, 1) / side
+        own = spring * np.outer(value, value) + rotational * np.outer(slope, slope)
+        pair = (own, along.integral(0, 0)) if across_x else (along.integral(0, 0), own)
+        total += length * np.kron(*pair)
+    return total
+
+
+def _residual_stress(plate: RitzPlate, x: Splines, y: Splines) -> np.ndarray:
+    """∫ (Nx w,x² + 2 Nxy w,x w,y + Ny w,y²), Nx = φ,yy, Ny = φ,xx, Nxy = -φ,xy of φ = 256 P (x(1-x) y(1-y))²."""
+    lx, ly = plate.sides
+    bump = np.polynomial.Polynomial([0, 0, 1, -2, 1])
+    zero, one, two = bump, bump.deriv(), bump.deriv(2)
+    along_x = np.kron(x.integral(1, 1, weight=zero), y.integral(0, 0, weight=two)) * lx * ly / lx**2 / ly**2
+    along_y = np.kron(x.integral(0, 0, weight=two), y.integral(1, 1, weight=zero)) * lx * ly / lx**2 / ly**2
+    cross = np.kron(x.integral(1, 0, weight=one), y.integral(0, 1, weight=one)) / (lx * ly)
+    return 256 * plate.stress * (along_x + along_y - cross - cross.T)
+
+
+def _membrane(plate: RitzPlate, x: Splines, y: Splines) -> np.ndarray:
+    """Stiffness on w of εx = u,x + w/Rx, εy = v,y + w/Ry, γ = u,y + v,x, with u and v where they cost least."""
+    lx, ly = plate.sides
+    extension = plate.young * plate.thickness / (1 - plate.poisson**2)
+    law = extension * np.array([[1, plate.poisson, 0], [plate.poisson, 1, 0], [0, 0, (1 - plate.poisson) / 2]])
+    # Each field's part of each strain: coefficient, order in x, order in y.
+    along_x, along_y = plate.curvature
+    strain = {
+        (0, 0): (1 / lx, 1, 0), (0, 2): (1 / ly, 0, 1), (1, 1): (1 / ly, 0, 1), (1, 2): (1 / lx, 1, 0),
+        (2, 0): (along_x, 0, 0), (2, 1): (along_y, 0, 0),
+    }  # fmt: skip
+    n = x.size * y.size
+    total = np.zeros((3, 3, n, n))
+    one_x = {(m, k): x.integral(m, k) for m, k in itertools.product((0, 1), repeat=2)}
+    one_y = {(m, k): y.integral(m, k) for m, k in itertools.product((0, 1), repeat=2)}
+    for ((f, a), (c, m, k)), ((g, b), (d, p, q)) in itertools.product(strain.items(), repeat=2):
+        if law[a, b]:
+            total[f, g] += c * d * law[a, b] * lx * ly * np.kron(one_x[m, p], one_y[k, q])
+    inner = total[:2, :2].transpose(0, 2, 1, 3).reshape(2 * n, 2 * n)
+    coupling = total[:2, 2].reshape(2 * n, n)
+    # In-plane rigid motion costs nothing and is not excited: a trace of stiffness keeps it at rest.
+    inner[np.diag_indices(2 * n)] += 1e-11 * np.diag(inner).max()
+    return total[2, 2] - coupling.T @ scipy.linalg.solve(inner, coupling, assume_a="pos")

@@ -1,0 +1,151 @@
+"""Draws the cases, lets the diagnosis loose on each in worker processes, and writes down what came of it."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import redirect_stdout
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+from rich.console import Console
+from rich.table import Table
+
+from blind.cases import Case, draw, suite
+from blind.score import Score, read
+
+# From a config and a folder to a diagnosis in that folder.
+Diagnose = Callable[[Path, Path], Any]
+
+
+def catalogue_diagnosis(config: Path, out: Path) -> None:
+    """Torchplate's own diagnosis, without figures; what it says goes to log.txt beside the config."""
+    from torchplate.cli.diagnose import diagnose
+
+    with (config.parent / "log.txt").open("w") as log, redirect_stdout(log):
+        diagnose(config, out, report=False)
+
+
+def run_case(seed_set: str, index: int, folder: Path, diagnose: Diagnose = catalogue_diagnosis) -> dict[str, Any]:
+    """Draw one case, diagnose it, and say what was hidden and what was found; a crash is one more finding."""
+    torch.set_num_threads(1)
+    case = draw(seed_set, index)
+    own = folder / "cases" / case.name
+    config = case.write(own)
+    out = own / "diagnosis"
+    record: dict[str, Any] = {"set": seed_set, "index": index, "truth": case.record(), "commit": commit()}
+    begin = time.perf_counter()
+    try:
+        diagnose(config, out)
+        record["diagnosis"] = json.loads((out / "diagnosis.json").read_text())
+        record["youngs_modulus"] = found_modulus(out / record["diagnosis"].get("model", "model.yaml"))
+    except (Exception, SystemExit) as error:
+        record["diagnosis"] = None
+        record["error"] = traceback.format_exception_only(error)[-1].strip()
+        (own / "traceback.txt").write_text(traceback.format_exc())
+    record["seconds"] = time.perf_counter() - begin
+    return record
+
+
+def found_modulus(path: Path) -> float | None:
+    """plate.youngs_modulus of a model.yaml; None where there is none or it is not a number [Pa]."""
+    if not path.is_file():
+        return None
+    plates = [e for e in yaml.safe_load(path.read_text())["effects"].values() if e.get("effect") == "plate"]
+    value: Any = plates[0].get("youngs_modulus") if plates else None
+    if isinstance(value, dict):
+        value = value.get("value")
+    try:
+        return float(value) if not isinstance(value, list) else None
+    except (TypeError, ValueError):
+        return None
+
+
+def commit() -> str:
+    """The commit of the working tree, where git knows it."""
+    found = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False, cwd=Path(__file__).parent
+    )
+    return found.stdout.strip() or "unknown"
+
+
+def chosen(cases: str, only: str | None) -> list[int]:
+    """Indices of the suite: a slice "0:20", a list "3,17", and only those that hide a name or are of a kind."""
+    if ":" in cases:
+        low, _, high = cases.partition(":")
+        indices = list(range(len(suite())))[int(low or 0) : int(high) if high else None]
+    else:
+        indices = [int(part) for part in cases.split(",")]
+    slots = suite()
+    return [i for i in indices if only is None or only in (*slots[i].names, slots[i].kind)]
+
+
+def run_suite(
+    seed_set: str, indices: Iterable[int], folder: Path, n_worker: int, diagnose: Diagnose = catalogue_diagnosis
+) -> None:
+    """Run what is not there yet; one line of results.jsonl for each case as soon as it is done."""
+    folder.mkdir(parents=True, exist_ok=True)
+    results = folder / "results.jsonl"
+    done = {record["index"] for record in read(results)} if results.exists() else set()
+    missing = [index for index in indices if index not in done]
+    os.environ["OMP_NUM_THREADS"] = "1"
+    with ProcessPoolExecutor(n_worker, mp_context=get_context("spawn")) as pool:
+        jobs = {pool.submit(run_case, seed_set, index, folder, diagnose): index for index in missing}
+        for job in as_completed(jobs):
+            try:
+                record = job.result()
+            except BrokenProcessPool as error:
+                # A worker was killed: which case it was cannot be told, so none is written down.
+                print(f"A worker died ({error}). Run the same command again.", file=sys.stderr)
+                return
+            except Exception as error:
+                print(f"Case {jobs[job]:03d} could not be drawn: {error!r}", file=sys.stderr)
+                continue
+            with results.open("a") as file:
+                file.write(json.dumps(record) + "\n")
+            print(_line(record), flush=True)
+
+
+def _line(record: dict[str, Any]) -> str:
+    """One case in one line."""
+    found = Score([record]).verdicts[0]
+    truth = record["truth"]
+    hidden = "+".join(one["effect"] for one in truth["hidden"]) or "nothing"
+    named = "+".join(found.named) or (record["diagnosis"]["verdict"] if record["diagnosis"] else record["error"])
+    mark = "right" if found.right else "wrong"
+    return f"{truth['name']} {mark} {truth['kind']} {hidden} -> {named} {found.why} ({record['seconds']:.0f} s)"
+
+
+def print_draws(seed_set: str, indices: Iterable[int]) -> None:
+    """A table of the cases, nothing run."""
+    table = Table("case", "kind", "hidden", "noise %", "left / noise", "FRFs", "lines", "known", "s")
+    for index in indices:
+        begin = time.perf_counter()
+        case: Case = draw(seed_set, index)
+        record = case.record()
+        table.add_row(
+            case.name,
+            case.kind,
+            "; ".join(_words(one) for one in record["hidden"])
+            + "".join(f" {k}={v:.3g}" for k, v in case.extra.items()),
+            f"{100 * case.noise:.2f}",
+            " ".join(f"{shows / case.noise:.1f}" for shows in case.shows),
+            str(record["n_frf"]),
+            str(record["n_line"]),
+            " ".join(record["known"]),
+            f"{time.perf_counter() - begin:.2f}",
+        )
+    Console(width=200).print(table)
+
+
+def _words(hidden: dict[str, Any]) -> str:
+    numbers = " ".join(f"{name}={value:.3g}" for name, value in hidden["parameters"].items())
+    return f"{hidden['effect']} {numbers} {hidden['options'] or ''}".strip()

@@ -1,0 +1,139 @@
+"""Verdicts and intervals of the blind benchmark on diagnoses made by hand."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from blind.score import Score, markdown, tables, verdict, wilson
+from blind.suite import chosen, run_case
+from blind.twins import right, twins
+
+
+def truth(kind="one", known=(), **hidden):
+    entries = [{"effect": name, "options": {}, "parameters": p} for name, p in hidden.items()]
+    return {
+        "name": "000", "kind": kind, "hidden": entries, "noise": 0.01, "shows": [1.0], "youngs_modulus": 2e11,
+        "young_is_seen": True, "sides": [0.48, 0.48], "n_frf": 6, "n_line": 400, "known": list(known),
+        "stated": {"density": 7860.0, "thickness": 0.0027, "poisson_ratio": 0.3}, "extra": {},
+    }  # fmt: skip
+
+
+def answer(name, *equivalent, confidence=0.9, **parameters):
+    values = {key: {"value": value, "std": 0.0, "unit": "-"} for key, value in parameters.items()}
+    return {"name": name, "equivalent": list(equivalent), "confidence": confidence, "parameters": values}
+
+
+def record(case, word, *answers, young=2.002e11):
+    gap = {"heldout_final": 0.011, "noise_floor": 0.01}
+    diagnosis = {"verdict": word, "effects": list(answers), "gap": gap}
+    return {"index": 0, "truth": case, "diagnosis": diagnosis, "youngs_modulus": young, "seconds": 5.0}
+
+
+MASS = {"x": 0.2, "y": 0.7, "mass": 0.05}
+
+
+def test_the_right_name_is_right_and_its_numbers_are_measured():
+    found = verdict(record(truth(point_mass=MASS), "explained", answer("point_mass", x=0.23, y=0.66, mass=0.04)))
+    assert found.right
+    assert found.place == pytest.approx((0.05,))
+    assert found.size[0][1] == pytest.approx(0.2)
+    assert found.young == pytest.approx(0.001)
+    assert found.gap == pytest.approx(1.1)
+
+
+@pytest.mark.parametrize(
+    ("word", "answers"),
+    [
+        ("explained", [answer("ground_spring")]),
+        ("explained", [answer("point_mass", "ground_spring")]),
+        ("explained", [answer("point_mass"), answer("time_delay")]),
+        ("partly_explained", [answer("point_mass")]),
+        ("consistent", []),
+    ],
+    ids=["another", "a stranger beside it", "one too many", "not explained", "nothing"],
+)
+def test_everything_else_is_wrong(word, answers):
+    assert not verdict(record(truth(point_mass=MASS), word, *answers)).right
+
+
+def test_a_finer_mesh_is_never_held_against_an_answer():
+    mesh = answer("mesh_discretisation")
+    assert verdict(record(truth(point_mass=MASS), "explained", mesh, answer("point_mass", **MASS))).right
+    assert verdict(record(truth("none"), "explained", mesh)).right
+    assert verdict(record(truth(mesh_discretisation={}), "explained", mesh)).right
+    assert not verdict(record(truth("none"), "explained", answer("sensor_gain"))).right
+
+
+def test_exact_twins_must_be_named_together_unless_a_std_parts_them():
+    free, weighed = truth(density={"value": 8200.0}), truth(density={"value": 8200.0}, known=["thickness"])
+    both = answer("sensor_gain", "density")
+    assert right("density", both, free)
+    assert right("density", both, weighed)
+    assert not right("density", answer("sensor_gain"), free)
+    assert right("density", answer("thickness", "density"), free)
+    assert not right("density", answer("thickness", "density"), weighed)
+    assert verdict(record(free, "explained", answer("sensor_gain"))).twin_as_sure
+
+
+def test_orthotropy_is_a_stretch_only_without_a_shear_factor():
+    assert "aspect_ratio" in twins("orthotropy", truth(orthotropy={"young_ratio": 1.2, "shear_factor": 1.0}))
+    assert "aspect_ratio" not in twins("orthotropy", truth(orthotropy={"young_ratio": 1.2, "shear_factor": 1.1}))
+
+
+def test_two_effects_need_both_and_no_third():
+    case = truth("two", point_mass=MASS, time_delay={"delay": 1e-4})
+    mass, delay = answer("point_mass", **MASS), answer("time_delay", delay=1e-4)
+    assert verdict(record(case, "explained", delay, mass)).right
+    assert not verdict(record(case, "explained", mass)).right
+    assert verdict(record(case, "explained", mass)).found == ("point_mass",)
+    assert not verdict(record(case, "explained", mass, delay, answer("edge_spring"))).right
+
+
+@pytest.mark.parametrize(("word", "good"), [("unexplained", True), ("partly_explained", True), ("explained", False)])
+def test_beyond_the_catalogue_nothing_explains(word, good):
+    assert verdict(record(truth("beyond", hinge={}), word)).right is good
+
+
+def test_wilson_gives_the_interval_of_the_books():
+    # 8 of 10 at 90 %: centre (0.8 + z²/20) / (1 + z²/10), z = 1.645.
+    assert wilson(8, 10) == pytest.approx((0.541, 0.931), abs=2e-3)
+    assert wilson(0, 24)[0] == 0.0
+    assert wilson(24, 24)[1] == 1.0
+
+
+def test_calibration_and_brier_count_every_named_effect():
+    records = [
+        record(truth(point_mass=MASS), "explained", answer("point_mass", confidence=0.96, **MASS)),
+        record(truth(point_mass=MASS), "explained", answer("time_delay", confidence=0.6, delay=1.0)),
+    ]
+    rows, brier = Score(records).calibration()
+    assert [(n, rate) for _, n, _, rate in rows] == [(1, 0.0), (1, 1.0)]
+    assert brier == pytest.approx((0.04**2 + 0.6**2) / 2)
+
+
+def fake(config: Path, out: Path) -> None:
+    """A diagnosis that always says point_mass."""
+    out.mkdir()
+    gap = {"heldout_final": 0.011, "noise_floor": 0.01}
+    found = answer("point_mass", **MASS)
+    (out / "diagnosis.json").write_text(
+        json.dumps({"verdict": "explained", "effects": [found], "gap": gap, "model": "model.yaml"})
+    )
+    (out / "model.yaml").write_text(config.read_text())
+
+
+def crash(config: Path, out: Path) -> None:
+    raise RuntimeError("no such luck")
+
+
+def test_a_case_is_run_and_recorded_and_a_crash_is_one_more_wrong_answer(tmp_path):
+    index = chosen("0:", "point_mass")[0]
+    records = [run_case("test", index, tmp_path / name, how) for name, how in (("a", fake), ("b", crash))]
+    json.dumps(records)
+    assert records[0]["diagnosis"]["effects"][0]["name"] == "point_mass"
+    assert records[0]["youngs_modulus"] is None  # still an interval in what the fake wrote
+    assert records[1]["error"] == "RuntimeError: no such luck"
+    assert not verdict(records[1]).right
+    for table in tables(Score(records)):
+        assert markdown(table).startswith("###")

@@ -1,0 +1,171 @@
+"""The noise that is found is the noise that was added."""
+
+import math
+
+import pytest
+import torch
+
+from torchplate.diagnosis.noise import noise_level
+from torchplate.effects import CATALOGUE
+
+HIDDEN = {
+    "oblong": {},
+    "square, modes repeated": {"sides": (0.48, 0.48)},
+    "windowed": {"hidden": {"window": (CATALOGUE["exponential_window"](), {"rate": 3.0})}},
+    "late": {"hidden": {"delay": (CATALOGUE["time_delay"](), {"delay": 4e-4})}},
+    "receptance": {"kind": "receptance"},
+}
+
+
+def measurement(lab, frf, std, seed, n_response=1, **others):
+    noise = lab.noise_of(std, seed)
+    step = 395.0 / (len(frf) - 1)
+    nodes = lab.nodes
+    return lab.measured(lab.lines(step), frf + noise, nodes[:n_response], nodes[: frf.shape[2]], **others), noise
+
+
+@pytest.mark.parametrize("how", ["signal", "sensor", "mixed"])
+@pytest.mark.parametrize(("loss", "step", "share"), [(1.5e-3, 1.0, 0.003), (3e-3, 0.5, 0.03), (8e-3, 1.0, 0.01)])
+@pytest.mark.parametrize("plate", HIDDEN)
+def test_the_floor_of_many_frfs_is_found(lab, plate, loss, step, share, how):
+    # At 1.5e-3 and 1 Hz most peaks are far narrower than the line spacing.
+    model = lab.plate(loss, **HIDDEN[plate])
+    frf = model.frf(lab.nobody, lab.lines(step), lab.nodes[:1], lab.nodes[1:13])
+    std = lab.true_std(frf, share, how)
+    given, noise = measurement(lab, frf, std, seed=len(plate) + int(1e4 * loss))
+    found = noise_level(given)
+    # 12 FRFs of 400 lines: 1.3 % of scatter; b of the mixed case hangs on the few lines at the peaks, of receptances on
+    # the one peak of the plate swinging on its wires.
+    within = 0.05 if how != "mixed" else 0.12
+    assert found.floor == pytest.approx(lab.true_floor(std, frf), rel=within)
+    assert float((noise.abs() / found.std).square().mean()) / 2 == pytest.approx(1.0, abs=0.06)
+
+
+@pytest.mark.parametrize("how", ["signal", "sensor"])
+@pytest.mark.parametrize("share", [0.003, 0.03])
+@pytest.mark.parametrize("loss", [1.5e-3, 8e-3])
+def test_the_floor_of_a_single_frf_is_found(lab, loss, share, how):
+    frf = lab.plate(loss).frf(lab.nobody, lab.lines(1.0), [3], [61])
+    std = lab.true_std(frf, share, how)
+    given, noise = measurement(lab, frf, std, seed=5)
+    found = noise_level(given)
+    # 400 lines less two numbers for each of 17 poles: 2.7 % of scatter.
+    assert found.floor == pytest.approx(lab.true_floor(std, frf), rel=0.1)
+    assert float((noise.abs() / found.std).square().mean()) / 2 == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_kind_of_noise_is_told_from_its_course(lab):
+    frf = lab.plate().frf(lab.nobody, lab.lines(1.0), [3], lab.nodes[1:9])
+    for how, expected in (("signal", (0.0, 0.02)), ("sensor", (0.02, 0.0))):
+        given, _ = measurement(lab, frf, lab.true_std(frf, 0.02, how), seed=1)
+        std = noise_level(given).std / frf.abs().square().mean(0).sqrt()
+        low = std.quantile(0.05, dim=0) * math.sqrt(2)
+        # In a deep valley only the sensor's noise is left.
+        assert float(low.mean()) == pytest.approx(expected[0], abs=0.002)
+
+
+def test_a_noisy_frf_keeps_its_noise_to_itself(lab):
+    frf = lab.plate().frf(lab.nobody, lab.lines(1.0), [3], lab.nodes[1:9])
+    share = torch.full((8,), 0.01, dtype=torch.float64)
+    share[5] = 0.08
+    std = lab.true_std(frf, 1.0, "signal") * share
+    given, _ = measurement(lab, frf, std, seed=2)
+    found = noise_level(given)
+    gap = math.sqrt(2) * found.std.norm(dim=0)[0] / frf.norm(dim=0)[0]
+    assert gap.tolist() == pytest.approx(share.tolist(), rel=0.12)
+    assert "1 of 8 FRFs" in found.sentences[0]
+
+
+def test_without_noise_next_to_none_is_found(lab):
+    frf = lab.plate(8e-3).frf(lab.nobody, lab.lines(0.5), [3], lab.nodes[1:5])
+    given, _ = measurement(lab, frf, torch.zeros_like(frf.real), seed=3)
+    assert noise_level(given).floor < 2e-3
+
+
+def test_what_was_not_measured_has_no_noise(lab):
+    frf = lab.plate().frf(lab.nobody, lab.lines(1.0), lab.nodes[:2], lab.nodes[2:6])
+    pairs = torch.ones(2, 4, dtype=torch.bool)
+    pairs[1, 2] = False
+    std = lab.true_std(frf, 0.01, "sensor")
+    given, _ = measurement(lab, frf, std, seed=4, n_response=2, measured=pairs)
+    found = noise_level(given)
+    assert bool((found.std[:, pairs] > 0).all())
+    assert bool((found.std[:, ~pairs] == 0).all())
+    assert found.floor == pytest.approx(0.01, rel=0.06)
+
+
+def test_a_dead_frf_is_passed_over(lab):
+    frf = lab.plate().frf(lab.nobody, lab.lines(1.0), [3], lab.nodes[1:4]).clone()
+    frf[:, 0, 1] = 0
+    std = lab.true_std(frf, 0.01, "signal")
+    given, _ = measurement(lab, frf, std, seed=6)
+    found = noise_level(given)
+    assert float(found.std[:, 0, 1].abs().max()) == 0
+    assert found.floor == pytest.approx(0.01, rel=0.1)
+    none = lab.measured(lab.lines(1.0), torch.zeros_like(frf), [3], lab.nodes[:3])
+    assert noise_level(none).floor == 0
+
+
+def test_few_lines_are_told_from_their_neighbours(lab):
+    frequency = torch.linspace(200.0, 210.0, 11, dtype=torch.float64)
+    frf = lab.plate(8e-3).frf(lab.nobody, frequency, [3], lab.nodes[1:13])
+    std = lab.true_std(frf, 0.2, "sensor")
+    given = lab.measured(frequency, frf + lab.noise_of(std, 7), [3], lab.nodes[1:13])
+    found = noise_level(given)
+    # An upper bound, and eleven lines of twelve FRFs.
+    assert 0.8 * 0.2 < found.floor < 1.6 * 0.2
+    assert "too few" in found.sentences[0]
+
+
+def averaged(lab, frf, std, n_average, seed):
+    """FRF and coherence of `n_average` records at unit force, each √n_average as noisy as their mean."""
+    records = frf + lab.noise_of((math.sqrt(n_average) * std).expand(n_average, *frf.shape), seed)
+    mean = records.mean(0)
+    return mean, mean.abs().square() / records.abs().square().mean(0)
+
+
+def test_the_coherence_tells_where_the_noise_is(lab):
+    frequency = lab.lines(0.5)
+    frf = lab.plate().frf(lab.nobody, frequency, [3], lab.nodes[1:5])
+    humming = ((frequency > 140) & (frequency < 200))[:, None, None]
+    std = lab.true_std(frf, 0.01, "signal") * torch.where(humming, 6.0, 1.0)
+    mean, coherence = averaged(lab, frf, std, 16, seed=8)
+    given = lab.measured(frequency, mean, [3], lab.nodes[1:5], coherence=coherence)
+    inside = humming.expand_as(std)
+    for n_average in (16, None):
+        ratio = noise_level(given, n_average).std / std
+        # The edges of the band are smeared over the lines of the local mean.
+        assert float(ratio[inside].median()) == pytest.approx(1.0, rel=0.1)
+        assert float(ratio[~inside].median()) == pytest.approx(1.0, rel=0.1)
+    plain = noise_level(lab.measured(frequency, mean, [3], lab.nodes[1:5])).std / std
+    assert float(plain[inside].median()) < 0.8
+
+
+def test_a_coherence_that_claims_too_little_noise_is_not_believed(lab):
+    frequency = lab.lines(1.0)
+    frf = lab.plate().frf(lab.nobody, frequency, [3], lab.nodes[1:5])
+    std = lab.true_std(frf, 0.02, "signal")
+    mean, coherence = averaged(lab, frf, std, 8, seed=9)
+    without = noise_level(lab.measured(frequency, mean, [3], lab.nodes[1:5]))
+    for unreal in (torch.ones_like(coherence), 1 - (1 - coherence) / 100):
+        found = noise_level(lab.measured(frequency, mean, [3], lab.nodes[1:5], coherence=unreal), 8)
+        assert torch.equal(found.std, without.std)
+    believed = noise_level(lab.measured(frequency, mean, [3], lab.nodes[1:5], coherence=coherence), 8)
+    assert believed.floor == pytest.approx(0.02, rel=0.08)
+    assert not torch.equal(believed.std, without.std)
+
+
+def test_exchanged_frfs_are_held_against_the_noise(lab):
+    frf = lab.plate().frf(lab.nobody, lab.lines(1.0), lab.nodes[:3], lab.nodes[:3])
+    std = lab.true_std(frf, 0.02, "signal")
+    for factor, said in ((1.0, "both ways round differ by 2.0"), (1.3, "more than noise")):
+        uneven = torch.ones(3, 3, dtype=torch.float64)
+        uneven[0, 1] = uneven[0, 2] = uneven[1, 2] = factor
+        given, _ = measurement(lab, frf * uneven, std, seed=10, n_response=3)
+        assert said in noise_level(given).sentences[-1]
+
+
+def test_one_average_is_refused(lab):
+    frf = torch.ones(30, 1, 1, dtype=torch.complex128)
+    with pytest.raises(ValueError, match="n_average of 2 or more, got 1"):
+        noise_level(lab.measured(torch.linspace(1.0, 30.0, 30, dtype=torch.float64), frf, [3], [5]), 1)
