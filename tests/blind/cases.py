@@ -107,6 +107,8 @@ class Case:
         return {
             "name": self.name, "kind": self.kind, "hidden": hidden, "noise": self.noise, "shows": list(self.shows),
             "youngs_modulus": self.youngs_modulus, "young_is_seen": self.young_is_seen, "sides": list(self.sides),
+            "grid": list(self.specimen.grid), "response": list(self.specimen.response),
+            "reference": list(self.specimen.reference),
             "n_frf": int(self.measurement.measured.sum()), "n_line": len(self.measurement.frequency),
             "known": known(self.config), "stated": stated(self.config), "extra": self.extra,
         }  # fmt: skip

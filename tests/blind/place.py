@@ -72,6 +72,60 @@ def size_error(effect: str, true: Numbers, found: Numbers, stated: Numbers | Non
     return None if real is None or named is None or real == 0 else abs(named - real) / abs(real)
 
 
+# The option of an effect that says where or which.
+WHICH = {
+    "edge_spring": "edge",
+    "sensor_position": "response",
+    "channel_polarity": "channels",
+    "channel_swap": "channels",
+    "support_spring": "nodes",
+}
+
+
+def which_is_right(effect: str, true: dict[str, Any], found: dict[str, Any], case: dict[str, Any]) -> bool | None:
+    """Whether the right edge, sensor, channels or nodes are named; None where there is nothing to name.
+
+    Args:
+        effect: the name.
+        true: hidden options.
+        found: the entry of model.yaml.
+        case: the record of the case: its grid, responses and references.
+    """
+    option = WHICH.get(effect)
+    if option is None or option not in true or "response" not in case:
+        return None
+    if option == "channels":
+        pairs = [[_pairs(channel, case) for channel in options.get(option, [])] for options in (true, found)]
+        if effect == "channel_polarity":
+            return frozenset().union(*pairs[0]) == frozenset().union(*pairs[1])
+        return frozenset(pairs[0]) == frozenset(pairs[1])
+    if option == "nodes":
+        named = found.get("nodes", found.get("at", []))
+        return set(true[option]) == {_node(point, case["grid"]) for point in named}
+    named = found.get(option)
+    if option == "response" and named is None:
+        return len(case["response"]) == 1
+    return bool(true[option] == _node(named, case["grid"]))
+
+
+def _node(point: Any, grid: tuple[int, int]) -> Any:
+    """The label of a relative place; anything else stays."""
+    if isinstance(point, list | tuple) and len(point) == 2:
+        return round(point[1] * grid[1]) * (grid[0] + 1) + round(point[0] * grid[0]) + 1
+    return point
+
+
+def _pairs(channel: Any, case: dict[str, Any]) -> frozenset[tuple[int, int]]:
+    """The FRFs (response, reference) that a channel names."""
+    ends = case["response"], case["reference"]
+    if isinstance(channel, int):
+        channel = [channel, None] if channel in ends[0] else [None, channel]
+    response, reference = (
+        own if named is None else [_node(named, case["grid"])] for named, own in zip(channel, ends, strict=True)
+    )
+    return frozenset((j, k) for j in response for k in reference)
+
+
 def numbers(answer: dict[str, Any]) -> Numbers:
     """The parameters of one entry of a diagnosis as plain numbers."""
     return {name: float(entry["value"]) for name, entry in answer.get("parameters", {}).items()}

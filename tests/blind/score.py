@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from blind.place import numbers, place_error, size_error
+from blind.place import numbers, place_error, size_error, which_is_right
 from blind.twins import MESH, Judge, right, sure_of_twin
 
 # 90 % of a normal distribution lies within this many standard deviations.
@@ -46,6 +46,7 @@ class Verdict:
     size: tuple[tuple[str, float], ...] = ()
     young: float | None = None
     gap: float | None = None
+    which: tuple[bool, ...] = ()
     confidence: tuple[tuple[float, bool], ...] = ()
     twin_as_sure: bool = False
 
@@ -86,11 +87,15 @@ def verdict(record: Record, judge: Judge | None = None) -> Verdict:
     correct = {id(answer) for _, answer in found}
     too_many = len(answers) > len(hidden)
     missed = [one["effect"] for one, answer in pairs if answer is None]
-    sizes, places = [], []
+    sizes, places, which = [], [], []
+    model = record.get("model", {})
     for one, answer in found:
         if answer["name"] != one["effect"]:
             continue
         got = numbers(answer)
+        named_entry = model.get(answer.get("label", ""), {})
+        if (it := which_is_right(one["effect"], one["options"], named_entry, case)) is not None:
+            which.append(it)
         if (place := place_error(one["parameters"], got, case["sides"])) is not None:
             places.append(place)
         if (off := size_error(one["effect"], one["parameters"], got, case["stated"])) is not None:
@@ -102,7 +107,7 @@ def verdict(record: Record, judge: Judge | None = None) -> Verdict:
     return Verdict(
         good, named, why, tuple(one["effect"] for one, _ in found),
         tuple(1 + len(set(answer["equivalent"]) - {MESH}) for _, answer in found), tuple(places), tuple(sizes), young,
-        gap, tuple((answer["confidence"], id(answer) in correct) for answer in answers), sure,
+        gap, tuple(which), tuple((answer["confidence"], id(answer) in correct) for answer in answers), sure,
     )  # fmt: skip
 
 
@@ -136,6 +141,7 @@ class Score:
         mesh = [pair for pair in self.of("one") if pair[0]["truth"]["hidden"][0]["effect"] == MESH]
         nothing, beyond, two = self.of("none"), self.of("beyond"), self.of("two")
         found = [v for _, v in (*named, *two) if v.gap is not None and v.right]
+        which = [w for v in self.verdicts for w in v.which]
         young = [v.young for v in self.verdicts if v.young is not None and v.right]
         rows = [
             ("one effect, named right", sum(v.right for _, v in named), len(named)),
@@ -145,6 +151,7 @@ class Score:
             ("false alarms on nothing hidden", sum(bool(v.named) for _, v in nothing), len(nothing)),
             ("nothing hidden, called consistent or explained", sum(v.right for _, v in nothing), len(nothing)),
             ("beyond the catalogue, called not explained", sum(v.right for _, v in beyond), len(beyond)),
+            ("  of right names, the right edge, sensor or channel", sum(which), len(which)),
             ("two effects, both right", sum(v.right for _, v in two), len(two)),
             ("two effects, at least one", sum(bool(v.found) for _, v in two), len(two)),
             (

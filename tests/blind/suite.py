@@ -46,7 +46,9 @@ def run_case(seed_set: str, index: int, folder: Path, diagnose: Diagnose = catal
     try:
         diagnose(config, out)
         record["diagnosis"] = json.loads((out / "diagnosis.json").read_text())
-        record["youngs_modulus"] = found_modulus(out / record["diagnosis"].get("model", "model.yaml"))
+        model = out / record["diagnosis"].get("model", "model.yaml")
+        record["model"] = yaml.safe_load(model.read_text())["effects"] if model.is_file() else {}
+        record["youngs_modulus"] = found_modulus(record["model"])
     except (Exception, SystemExit) as error:
         record["diagnosis"] = None
         record["error"] = traceback.format_exception_only(error)[-1].strip()
@@ -55,11 +57,9 @@ def run_case(seed_set: str, index: int, folder: Path, diagnose: Diagnose = catal
     return record
 
 
-def found_modulus(path: Path) -> float | None:
-    """plate.youngs_modulus of a model.yaml; None where there is none or it is not a number [Pa]."""
-    if not path.is_file():
-        return None
-    plates = [e for e in yaml.safe_load(path.read_text())["effects"].values() if e.get("effect") == "plate"]
+def found_modulus(effects: dict[str, dict[str, Any]]) -> float | None:
+    """plate.youngs_modulus of a model.yaml's effects; None where there is none or it is not a number [Pa]."""
+    plates = [one for one in effects.values() if one.get("effect") == "plate"]
     value: Any = plates[0].get("youngs_modulus") if plates else None
     if isinstance(value, dict):
         value = value.get("value")

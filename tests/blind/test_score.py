@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from blind.place import which_is_right
 from blind.score import Score, markdown, tables, verdict, wilson
 from blind.suite import chosen, run_case
 from blind.twins import right, twins
@@ -14,7 +15,8 @@ def truth(kind="one", known=(), **hidden):
     entries = [{"effect": name, "options": {}, "parameters": p} for name, p in hidden.items()]
     return {
         "name": "000", "kind": kind, "hidden": entries, "noise": 0.01, "shows": [1.0], "youngs_modulus": 2e11,
-        "young_is_seen": True, "sides": [0.48, 0.48], "n_frf": 6, "n_line": 400, "known": list(known),
+        "young_is_seen": True, "sides": [0.48, 0.48], "grid": [10, 10],
+        "response": [5], "reference": [3, 61, 80], "n_frf": 6, "n_line": 400, "known": list(known),
         "stated": {"density": 7860.0, "thickness": 0.0027, "poisson_ratio": 0.3}, "extra": {},
     }  # fmt: skip
 
@@ -79,6 +81,23 @@ def test_exact_twins_must_be_named_together_unless_a_std_parts_them():
 def test_orthotropy_is_a_stretch_only_without_a_shear_factor():
     assert "aspect_ratio" in twins("orthotropy", truth(orthotropy={"young_ratio": 1.2, "shear_factor": 1.0}))
     assert "aspect_ratio" not in twins("orthotropy", truth(orthotropy={"young_ratio": 1.2, "shear_factor": 1.1}))
+
+
+@pytest.mark.parametrize(
+    ("named", "good"),
+    [
+        ({"channels": [[None, 61], [None, 3]]}, True),
+        ({"channels": [[None, [0.5, 0.5]], [None, [0.2, 0.0]]]}, True),
+        ({"channels": [[5, 3], [5, 61]]}, True),
+        ({"channels": [3, 61]}, True),
+        ({"channels": [[None, 3], [None, 80]]}, False),
+        ({}, False),
+    ],
+    ids=["turned round", "by place", "as pairs", "by label", "another", "none"],
+)
+def test_the_right_channels_are_the_same_two_in_any_words(named, good):
+    true = {"channels": [[None, 3], [None, 61]]}
+    assert which_is_right("channel_swap", true, {"effect": "channel_swap"} | named, truth()) is good
 
 
 def test_two_effects_need_both_and_no_third():

@@ -149,29 +149,29 @@ def test_noise_alone_claims_no_place(lab, seed):
 def test_what_is_spread_over_the_plate_is_not_said_to_be_at_a_place(lab):
     case = Case(lab, n_reference=10)
     softer = lab.plate(4e-3)
-    softer.known[softer.known == 2.05e11] *= 1.004
+    softer.known[softer.known == 2.05e11] *= 1.002
     predicted = softer.frf(lab.nobody, case.frequency, list(RESPONSE), list(case.reference))
     found = case.located(predicted=predicted)
     assert found.kind["place"] < 0.85
-    text = " ".join(found.sentences)
-    assert "spread over the plate" in text or "No force at one place" in text
+    assert "spread over the plate" in " ".join(found.sentences)
 
 
 def test_bands_hold_the_misfit_and_stand_where_it_is(lab):
     case = Case(lab)
-    # Half a signal too much between 170 and 180 Hz, a quarter at 300 Hz.
+    # Half a signal too much around two of the resonances.
     wrong = torch.ones_like(case.frequency)
-    wrong[(case.frequency >= 170) & (case.frequency <= 180)] = 1.5
-    wrong[(case.frequency >= 299) & (case.frequency <= 301)] = 1.25
+    places = ((286.0, 300.0), (340.0, 355.0))
+    for low, high in places:
+        wrong[(case.frequency >= low) & (case.frequency <= high)] = 1.5
     found = case.located(predicted=case.predicted * wrong[:, None, None])
-    first = found.bands[0]
-    assert first.low >= 169
-    assert first.high <= 181
-    assert 0.7 < first.share < 1.0
+    # The moving mean over three lines may take in one more.
+    inside = [[low - 1 <= band.low and band.high <= high + 1 for low, high in places] for band in found.bands]
+    assert all(any(one) for one in inside)
+    assert all(any(column) for column in zip(*inside, strict=True))
     assert [band.share for band in found.bands] == sorted((band.share for band in found.bands), reverse=True)
     assert sum(band.share for band in found.bands) == pytest.approx(1.0, abs=0.2)
     assert found.sentences[0].endswith("Hz.")
-    assert f"{first.low:.0f}-{first.high:.0f} Hz" in found.sentences[0]
+    assert f"{found.bands[0].low:.0f}-{found.bands[0].high:.0f} Hz" in found.sentences[0]
 
 
 def test_channels_carry_their_gaps_before_and_after(lab):

@@ -15,6 +15,7 @@ from torchplate.cli.folder import open_folder, relocated, run_folder
 from torchplate.cli.run import device_named
 from torchplate.diagnosis import Diagnosis
 from torchplate.diagnosis import diagnose as find_missing
+from torchplate.effects import options
 
 MODEL = "model.yaml"
 VERDICTS = {
@@ -118,11 +119,13 @@ def _updated(recipe: Run, found: Diagnosis, folder: Path) -> dict[str, Any]:
     for name, one in found.parameters.items():
         label, _, key = name.rpartition(".")
         by_label.setdefault(label, {})[key] = one.value
-    for effect in found.effects:
-        effects[effect.label] = {"effect": effect.name, **_plain(effect.options)}
+    for label, effect in found.model.effects.items():
+        own = {name: getattr(effect, name) for name in options(type(effect)) if getattr(effect, name)}
+        effects.setdefault(label, {"effect": effect.name, **_plain(own)})
+    for named in found.effects:
+        effects.setdefault(named.label, {"effect": named.name, **_plain(named.options)})
     for label, values in by_label.items():
-        if label in effects:
-            effects[label] |= values
+        effects[label] |= values
     raw["effects"] = effects
     raw["search"] = {key: value for key, value in dict(raw.get("search", {})).items() if key == "seed"}
     return raw
@@ -144,7 +147,9 @@ def _say(console: Console, found: Diagnosis, folder: Path) -> None:
     for effect in found.effects:
         console.print(f"  {effect.evidence} Confidence {effect.confidence:.2f}.", highlight=False)
     gap = found.gap
-    held = "" if gap.heldout_final is None else f" (held-out FRFs {gap.heldout_baseline:.3g} to {gap.heldout_final:.3g})"
+    held = (
+        "" if gap.heldout_final is None else f" (held-out FRFs {gap.heldout_baseline:.3g} to {gap.heldout_final:.3g})"
+    )
     console.print(f"  gap {gap.baseline:.3g} to {gap.final:.3g}{held}; noise floor {gap.noise_floor:.3g}")
     if found.scores:
         table = Table("effect", "expected drop", "gap after refit", "", box=None, padding=(0, 2))

@@ -6,9 +6,9 @@ their options. A new effect is a candidate as soon as it is in the catalogue.
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -20,16 +20,30 @@ from torchplate.plate.mesh import EDGES
 
 # Parts of the way from the neutral value to the end of the prior at which a candidate is tried.
 PARTS = (0.04, 0.15, 0.5, 1.0)
+# The same for what sits at a place; and where a tangent is wanted, with how far of the prior it is believed.
+AT_PLACE, TINY, REACH = 0.2, 1e-5, 0.3
 # Parts of a prior without a neutral value inside it.
-SPREAD = (0.15, 0.5, 0.85)
+SPREAD = (0.1, 0.3, 0.5, 0.7, 0.9)
+# Multiples of a step, of either sign, for which a linear change is believed.
+BELIEVED = (-1.0, 2.5)
 # Places along each side, and sizes of patches, at which a candidate with a place is tried.
 PLACES = (0.03, 0.19, 0.35, 0.5, 0.65, 0.81, 0.97)
 PATCHES = (0.1, 0.3, 0.5, 0.7, 0.9)
 SIZES = (0.15, 0.35)
 # Members tried of a candidate with several parameters that would give too many; and choices of channels.
 MOST_MEMBERS, MOST_CHOICES = 60, 400
+# A place is taken for a node's if it is this near to it, relative to the plate.
+NEAR_NODE = 0.012
 # Effects that are no candidates: the plate itself, and what is settled before anything is named.
 NEVER = frozenset({"plate", "support_spring", "mesh_discretisation"})
+
+
+class Trial(NamedTuple):
+    """A member of a candidate, and the multiples of its step from the neutral values that a linear change is good for."""
+
+    values: Mapping[str, float]
+    lowest: float
+    highest: float
 
 
 @dataclass(frozen=True)
@@ -41,16 +55,16 @@ class Candidate:
         options: the same options by name.
         searched: its parameters that are looked for, and where.
         neutral: the value of each that leaves the model as it is; absent where there is none.
-        prior: what a ruler or a scale says: parameter → mean and standard deviation.
-        grid: values to try.
+        far: what to try where peaks do not overlap.
+        near: what to try where they do.
     """
 
     effect: Effect
     options: Mapping[str, Any]
     searched: Mapping[str, Searched]
     neutral: Mapping[str, float]
-    prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    grid: tuple[Mapping[str, float], ...] = ()
+    far: tuple[Trial, ...] = ()
+    near: tuple[Trial, ...] = ()
 
     @property
     def name(self) -> str:
@@ -66,7 +80,6 @@ class Candidate:
 def candidates(
     model: PlateModel,
     theta: Tensor,
-    tolerance: Mapping[str, float],
     channels: "Channels",
     without: frozenset[str] = frozenset(),
 ) -> list[Candidate]:
@@ -75,7 +88,6 @@ def candidates(
     Args:
         model: as it is.
         theta: its searched parameters.
-        tolerance: how well its numbers are known: "label.parameter", "mesh.length_x" or "mesh.length_y" → std.
         channels: labels of the responses and references that were measured.
         without: names of effects to leave out.
     """
@@ -96,7 +108,8 @@ def candidates(
                 free.pop("factor_1", None)
             if effect.parameters and not free:
                 continue
-            searched, neutral = {}, {}
+            searched: dict[str, Searched] = {}
+            neutral: dict[str, float] = {}
             for key, parameter in free.items():
                 interval = parameter.prior_interval(plan.section, plan.geometry)
                 assert parameter.prior is not None
@@ -104,11 +117,34 @@ def candidates(
                 value = _neutral(name, parameter, plan)
                 if value is not None:
                     neutral[key] = value
-            prior = _told(name, model, plan, tolerance)
-            found.append(
-                Candidate(effect, chosen, searched, neutral, prior, tuple(_grid(name, searched, neutral)))
-            )
+            far, near = _trials(searched, neutral)
+            found.append(Candidate(effect, chosen, searched, neutral, tuple(far), tuple(near)))
     return found
+
+
+def support_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: float, viscous: float) -> Candidate:
+    """A further support at a place where a spring or dashpot was found: at a labelled node where there is one near.
+
+    Args:
+        model: as it is.
+        theta: its searched parameters.
+        x: place, relative.
+        y: likewise.
+        stiffness: to begin with [N/m].
+        viscous: likewise [N s/m].
+    """
+    n_x, n_y = model.mesh.n_x, model.mesh.n_y
+    column, row = round(x * n_x), round(y * n_y)
+    on_node = math.hypot(x - column / n_x, y - row / n_y) < NEAR_NODE
+    chosen: dict[str, Any] = {"nodes": [row * (n_x + 1) + column + 1]} if on_node else {"at": [[x, y]]}
+    kind = CATALOGUE["support_spring"]
+    plan = model.plan(theta)
+    wanted, start = {}, {}
+    for name, value in (("stiffness", stiffness), ("viscous_damping", viscous)):
+        interval = kind.parameters[name].prior_interval(plan.section, plan.geometry)
+        wanted[name] = Searched(interval.low, interval.high, True)
+        start[name] = min(max(value, 1.01 * interval.low), 0.99 * interval.high)
+    return Candidate(kind(**chosen), chosen, wanted, {}, (Trial(start, *BELIEVED),))
 
 
 @dataclass(frozen=True)
@@ -156,6 +192,9 @@ def _already_searched(model: PlateModel, effect: Effect, key: str) -> bool:
     """Whether the model searches the same parameter of the same effect; two of them could not be told apart."""
     if "x" in effect.parameters:
         return False
+    plate = next(label for label, own in model.effects.items() if own.name == "plate")
+    if f"{plate}.{effect.name}" in model.names:
+        return True
     return any(
         type(own) is type(effect) and own == effect and f"{label}.{key}" in model.names
         for label, own in model.effects.items()
@@ -179,58 +218,63 @@ def _neutral(name: str, parameter: Parameter, plan: Plan) -> float | None:
     return None if present is None else float(present.mean())
 
 
-def _told(name: str, model: PlateModel, plan: Plan, tolerance: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-    """What the tolerances of the model's numbers say of an effect's parameters."""
-    plate = next(label for label, effect in model.effects.items() if effect.name == "plate")
-    if (std := tolerance.get(f"{plate}.{name}", 0.0)) > 0:
-        return {"value": (float(getattr(plan.section, name).mean()), std)}
-    x, y = tolerance.get("mesh.length_x", 0.0), tolerance.get("mesh.length_y", 0.0)
-    if name == "aspect_ratio" and (x > 0 or y > 0):
-        return {"ratio": (1.0, math.hypot(x / model.mesh.length_x, y / model.mesh.length_y))}
-    return {}
+def _trials(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> tuple[list[Trial], list[Trial]]:
+    """Trials where peaks do not overlap, and trials where they do."""
+    tangents = _combined(searched, neutral, tangent=True)
+    steps = _combined(searched, neutral, tangent=False)
+    if not searched:
+        return steps, steps
+    # A change that the fitted parameters nearly undo, such as that of a thickness, shows in its tangent alone.
+    return (steps if "x" in searched else [*tangents, *steps]), tangents
 
 
-def _grid(name: str, searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> Iterator[dict[str, float]]:
-    """Values to try: places, and parts of the way from the neutral value to the ends of the prior."""
-    axes: dict[str, list[float]] = {}
-    patch = "size" in searched
+def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], tangent: bool) -> list[Trial]:
+    """All combinations of places and values, or one value at a time where there would be too many."""
+    axes: dict[str, Sequence[float]] = {}
     for key, interval in searched.items():
         if key in ("x", "y"):
-            axes[key] = list(PATCHES if patch else PLACES)
+            axes[key] = PATCHES if "size" in searched else PLACES
         elif key == "size":
-            axes[key] = list(SIZES)
+            axes[key] = SIZES
+        elif tangent:
+            axes[key] = [_tangent(interval, neutral.get(key))]
         else:
-            axes[key] = _values(interval, neutral.get(key), few="x" in searched)
-    if not axes:
-        yield {}
-        return
-    count = math.prod(len(values) for values in axes.values())
-    if count <= MOST_MEMBERS or "x" in axes:
-        for values in itertools.product(*axes.values()):
-            yield dict(zip(axes, values, strict=True))
-        return
-    # One at a time, the others neutral.
-    for key, values in axes.items():
-        for value in values:
-            yield {other: neutral.get(other, axes[other][0]) for other in axes} | {key: value}
+            axes[key] = _steps(interval, neutral.get(key), at_place="x" in searched)
+    believed = (-REACH / TINY, REACH / TINY) if tangent else BELIEVED
+    if "x" in axes or (not tangent and math.prod(len(values) for values in axes.values()) <= MOST_MEMBERS):
+        every = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+    else:
+        rest = {key: neutral.get(key, values[0]) for key, values in axes.items()}
+        every = [rest | {key: value} for key, values in axes.items() for value in values]
+    return [Trial(values, *believed) for values in every]
 
 
-def _values(interval: Searched, neutral: float | None, few: bool) -> list[float]:
-    def at(low: float, high: float, part: float) -> float:
+def _tangent(interval: Searched, neutral: float | None) -> float:
+    """A value a tiny step away from the neutral one."""
+    if neutral is None:
+        neutral = interval.low
+    if interval.logarithmic and interval.low <= neutral:
+        return neutral * (interval.high / interval.low) ** TINY
+    far = interval.high if abs(interval.high - neutral) >= abs(interval.low - neutral) else interval.low
+    # A neutral zero below a logarithmic interval: what is small there is its middle.
+    far = math.sqrt(interval.low * interval.high) if interval.logarithmic else far
+    return neutral + TINY * (far - neutral)
+
+
+def _steps(interval: Searched, neutral: float | None, at_place: bool) -> list[float]:
+    """Values some way from the neutral one, on both sides; spread over the interval where that is not inside it."""
+
+    def between(low: float, high: float, part: float) -> float:
         return low * (high / low) ** part if interval.logarithmic else low + part * (high - low)
 
-    inside = neutral is not None and interval.low <= neutral <= interval.high
-    if not inside or neutral is None:
-        spread = SPREAD if not interval.logarithmic or few else (0.1, 0.3, 0.5, 0.7, 0.9)
-        return [at(interval.low, interval.high, part) for part in spread]
-    parts = (0.2,) if few else PARTS
-    values = []
+    if neutral is None or not interval.low <= neutral <= interval.high:
+        return [between(interval.low, interval.high, part) for part in SPREAD]
     ends = (interval.low, interval.high)
-    # Of what sits at a place one step is tried; its multiple, of either sign, follows from the residual.
-    for end in (max(ends, key=lambda end: abs(end - neutral)),) if few else ends:
-        if abs(end - neutral) > 1e-9 * abs(interval.high - interval.low):
-            values += [at(neutral, end, part) for part in parts]
-    return [value for value in values if interval.low <= value <= interval.high]
+    if at_place:
+        # One step will do: its multiple of either sign follows from the residual.
+        return [between(neutral, max(ends, key=lambda end: abs(end - neutral)), AT_PLACE)]
+    apart = 1e-9 * abs(interval.high - interval.low)
+    return [between(neutral, end, part) for end in ends if abs(end - neutral) > apart for part in PARTS]
 
 
 def place_of(values: Mapping[str, float]) -> tuple[float, float] | None:
@@ -248,6 +292,9 @@ def vector(model: PlateModel, values: Mapping[str, float], label: str) -> Tensor
     """A candidate's values in the order of the model's searched parameters; NaN for those of others."""
     prefix = f"{label}."
     return torch.tensor(
-        [values.get(name.removeprefix(prefix), math.nan) if name.startswith(prefix) else math.nan for name in model.names],
+        [
+            values.get(name.removeprefix(prefix), math.nan) if name.startswith(prefix) else math.nan
+            for name in model.names
+        ],
         dtype=torch.float64,
     )

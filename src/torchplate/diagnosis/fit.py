@@ -100,7 +100,7 @@ class Problem:
             start.clamp(0.0, 1.0),
             jacobian="forward",
             n_iteration=n_iteration,
-            objective_tolerance=1e-4,
+            objective_tolerance=1e-2 if level < self.target.levels - 1 else 1e-4,
             step_tolerance=1e-7,
             damping=1e-2 if level < self.target.levels - 1 else 1e-3,
         )
@@ -164,9 +164,7 @@ def fit(
     prediction = bench.predict(reduced, theta)
     misfit = bench.target.misfit(prediction)
     covariance = _covariance(jacobian[best], model, position, max(1.0, 2 * value / max(1.0, misfit.n_fitted)))
-    return Fit(
-        corrected, reduced, theta, covariance, prediction, misfit, float(problem.told(theta).square().sum())
-    )
+    return Fit(corrected, reduced, theta, covariance, prediction, misfit, float(problem.told(theta).square().sum()))
 
 
 def _covariance(jacobian: Tensor, model: PlateModel, position: Tensor, scale: float) -> Tensor:

@@ -39,8 +39,8 @@ BEYOND_NOISE: Final = 1.25
 N_PEAK, BELOW = 5, 0.15
 # Steps around the best of them, relative.
 POLISH: Final = (0.025, 0.012)
-# What explains this part of the misfit is named; two that differ by less than NEAR are not told apart.
-NAMED, NEAR = 0.5, 0.03
+# A force, and a factor, that explain this part of the misfit are named; two nearer than NEAR are not told apart.
+NAMED, NAMED_FACTOR, NEAR = 0.5, 0.7, 0.03
 # A force that explains less than this part is said to leave something.
 NEARLY_ALL: Final = 0.85
 # Delays that are tried [s], and turns of the fit of z.
@@ -494,19 +494,18 @@ def _of_channels(channels: Sequence[ChannelGap]) -> str:
 def _of_kind(force: _Force | None, chain: _Factor, one: _Factor) -> list[str]:
     """What explains most, in words: a place and kind, the sensor chain, or a channel."""
     at_place = 0.0 if force is None else force.parts["place"]
-    best = max(at_place, chain.part, one.part)
+    # A factor that is the reason explains next to all; half can be had by turning down what sits at wrong frequencies.
+    factor, own = (found.part if found.part >= NAMED_FACTOR else 0.0 for found in (chain, one))
+    best = max(at_place, factor, own)
     said = []
     if best < NAMED:
-        return [
-            "No force at one place, no gain, no delay and no single channel explains as much as half of the misfit."
-        ]
+        return ["No force at one place, no gain, no delay and no single channel explains the misfit."]
     if force is not None and at_place >= best - NEAR:
-        said.append(_of_force(force))
-        if at_place < NEARLY_ALL:
-            said.append("That leaves too much for one place: something spread over the plate is as likely.")
-    if chain.part >= best - NEAR:
+        rest = " That leaves too much for one place: something spread over the plate is as likely."
+        said.append(_of_force(force) + (rest if at_place < NEARLY_ALL else ""))
+    if factor >= best - NEAR:
         said.append(_of_chain(chain))
-    if one.part >= best - NEAR and chain.part < best - NEAR:
+    if own >= best - NEAR > factor:
         sign = ": it carries the wrong sign" if abs(one.gain + 1) < 0.1 else ""
         said.append(f"A factor of {one.gain:.3g} on {one.channel} alone would explain {_percent(one.part)}{sign}.")
     if len(said) > 1:

@@ -13,16 +13,17 @@ import torch
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.candidate import Candidate, Channels, candidates
+from torchplate.diagnosis.candidate import Candidate, Channels, candidates, support_at
 from torchplate.diagnosis.fit import Fit, Problem, fit, widely
 from torchplate.diagnosis.holdout import exchanged, held_out
 from torchplate.diagnosis.ledger import Diagnosis
 from torchplate.diagnosis.naming import NOISE_ONLY, Choice, Hypothesis, choose, is_needed
 from torchplate.diagnosis.noise import Noise, noise_level
 from torchplate.diagnosis.screen import Scored as Promise
-from torchplate.diagnosis.screen import screen
+from torchplate.diagnosis.screen import new_label, screen, start_of, twins
 from torchplate.diagnosis.summary import summarise
 from torchplate.diagnosis.target import FrequencyTarget, FrfTarget, Target
+from torchplate.diagnosis.tolerance import with_tolerances
 from torchplate.diagnosis.workbench import Workbench, with_candidate, without_effect
 from torchplate.measurement import Measurement, NaturalFrequencies
 from torchplate.model import PlateModel
@@ -30,11 +31,15 @@ from torchplate.model import PlateModel
 # Members of the first look over the box, and those that go down from there.
 N_LOOK, N_DESCEND = 96, 8
 # Candidates that go down the wide levels, by name, and that are refitted sharply: within so much of the best.
-N_WIDE, N_SHARP, NEAR = 9, 6, 6.0
+N_WIDE, N_SHARP, NEAR = 9, 5, 6.0
 # Hypotheses from which the next effect is looked for where one alone does not explain the data.
 N_BEAM = 2
 # A second option of the same effect is followed if it promises at least this part of the first's.
 SECOND = 0.6
+# Below this mean square peaks of model and measurement overlap; below that one wide levels would show but noise.
+OVERLAPPING, NEARLY_RIGHT = 200.0, 12.0
+# What sits at a place and goes to the ground.
+GROUNDED = frozenset({"ground_spring", "ground_dashpot"})
 # A place is a node's if it is this near to it, relative to the plate.
 ON_NODE = 1e-4
 
@@ -167,8 +172,9 @@ class Road:
     def __init__(
         self, model: PlateModel, target: Target, tolerance: Mapping[str, float], say: Callable[[str], None]
     ) -> None:
-        self.given, self.bench = model, Workbench(model, target)
-        self.tolerance, self.channels, self.say = tolerance, _channels(model), say
+        self.given, self.prior = with_tolerances(model, tolerance)
+        self.bench = Workbench(self.given, target)
+        self.channels, self.say = _channels(model), say
 
     def baseline(self) -> State:
         """The given model, fitted on a mesh whose error is taken off; and on its own mesh, to see what that costs."""
@@ -179,13 +185,13 @@ class Road:
         if isinstance(target, FrfTarget):
             target.set_model_error(bench.shift(extrapolated.frequency, extrapolated.error))
         start = self._first_look(extrapolated.model, middle)
-        found = fit(bench, model, start, wide=False)
+        found = fit(bench, model, start, self.prior, wide=False)
         if isinstance(target, FrfTarget):
             square = (target.measured - found.prediction).abs().square() / target.variance
             changed = exchanged(target.heldout, target.measurement.measured, square.mean(0) / 2)
             if not torch.equal(changed, target.heldout):
                 target.hold_out(changed)
-                found = fit(bench, model, model.space.to_cube(found.theta)[None], wide=False)
+                found = fit(bench, model, model.space.to_cube(found.theta)[None], self.prior, wide=False)
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} times what noise explains")
         return State(model, found)
 
@@ -205,7 +211,7 @@ class Road:
         """The fit of the given model on its own mesh, error and all."""
         bench = Workbench(self.given, self.bench.target, as_given=True)
         start = baseline.model.space.to_cube(baseline.fit.theta)[None]
-        found = fit(bench, bench.given, start, wide=self.bench.target.levels > 1)
+        found = fit(bench, bench.given, start, self.prior, wide=self.bench.target.levels > 1)
         self.bench.n_evaluation += bench.n_evaluation
         return found
 
@@ -239,7 +245,9 @@ class Road:
         beam: list[State] = [single]
         for other in ranked[1:]:
             if len(beam) < N_BEAM and is_needed(state.fit, other) and other.name != ranked[0].name:
-                beam.append(self._added(state, choose([other, *(one for one in ranked if one.name != other.name)]), other))
+                beam.append(
+                    self._added(state, choose([other, *(one for one in ranked if one.name != other.name)]), other)
+                )
         best: State | None = None
         for start in beam:
             names = " + ".join(one.hypothesis.name for one in start.named)
@@ -262,35 +270,48 @@ class Road:
         """Score the whole catalogue, and refit what promises most."""
         bench = self.bench
         base = bench.reduced(state.fit.model, state.fit.theta[None], by_element=True)
-        everyone = candidates(base, state.fit.theta, self.tolerance, self.channels)
-        self.say(f"scoring {len(everyone)} candidates at {sum(len(one.grid) for one in everyone)} places and sizes")
-        promises = screen(bench, base, state.fit.theta, everyone)
-        wide = []
-        for promise in _promising(promises):
-            problem = Problem(bench, promise.model, self._prior(promise.candidate, promise.label))
-            starts, value = promise.starts, torch.zeros(1)
-            if bench.target.levels > 1:
-                starts, value = widely(problem, promise.starts, keep=2)
-            wide.append((float(value[0]), promise, starts))
-        wide.sort(key=lambda one: one[0])
-        hypotheses: list[Hypothesis] = []
-        # Where nothing but noise is left, a look at the best two is a check.
-        wanted = 2 if state.fit.reduced_misfit <= NOISE_ONLY else N_SHARP
-        for value, promise, starts in wide[:wanted]:
-            if hypotheses and bench.target.levels > 1 and value > NEAR**2 * wide[0][0] and len(hypotheses) > 1:
-                continue
-            self.say(f"refitting with {promise.candidate.name}")
-            hypotheses.append(self._refit(state.model, promise.candidate, promise.label, starts))
-        return Looked(tuple(promises), tuple(hypotheses))
+        everyone = candidates(base, state.fit.theta, self.channels)
+        self.say(f"scoring {len(everyone)} candidates")
+        misfit, chosen, promises = state.fit.reduced_misfit, [], []
+        if bench.target.levels == 1 or misfit < OVERLAPPING:
+            promises = screen(bench, base, state.fit.theta, everyone, self.prior, near=True)
+            # Where nothing but noise is left, a look at the best two is a check.
+            wanted = 2 if misfit <= NOISE_ONLY else N_SHARP
+            chosen = [(promise, promise.starts) for promise in _promising(promises, wanted)]
+        if bench.target.levels > 1 and misfit > NEARLY_RIGHT:
+            widely_scored = screen(bench, base, state.fit.theta, everyone, self.prior)
+            chosen += self._down(_promising(widely_scored, N_WIDE))
+            promises = promises or widely_scored
+        hypotheses = [self._refit(state.model, one.candidate, one.label, starts) for one, starts in chosen]
+        hypotheses += [self._as_support(state, one) for one in _best_of_each(hypotheses) if one.name in GROUNDED]
+        return Looked(tuple(promises), tuple(_best_of_each(hypotheses)))
+
+    def _down(self, promises: Sequence[Promise]) -> list[tuple[Promise, Tensor]]:
+        """Candidates taken down the wide levels; those that end near the best, with where they end."""
+        ends = []
+        for promise in promises:
+            starts, value = widely(Problem(self.bench, promise.model, self.prior), promise.starts, keep=2)
+            ends.append((float(value[0]), promise, starts))
+        ends.sort(key=lambda one: one[0])
+        kept = [one for rank, one in enumerate(ends[:N_SHARP]) if rank < 2 or one[0] <= NEAR**2 * ends[0][0]]
+        return [(promise, starts) for _, promise, starts in kept]
+
+    def _as_support(self, state: State, found: Hypothesis) -> Hypothesis:
+        """What is grounded at a place may be a further support: spring and dashpot at once, at a node."""
+        values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
+        at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", "stiffness", "viscous_damping")}
+        candidate = support_at(state.model, state.fit.theta, *at.values())
+        label = new_label(state.model, candidate.name)
+        whole = with_candidate(state.model, label, candidate)
+        self.say("refitting with support_spring")
+        start = start_of(whole, state.fit.theta, state.model, candidate.far[0].values, label)
+        return self._refit(state.model, candidate, label, start[None])
 
     def _refit(self, model: PlateModel, candidate: Candidate, label: str, starts: Tensor) -> Hypothesis:
         whole = with_candidate(model, label, candidate)
-        found = fit(self.bench, whole, starts, self._prior(candidate, label), wide=self.bench.target.levels == 1)
+        found = fit(self.bench, whole, starts, self.prior, wide=False)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
         return Hypothesis(candidate, label, found)
-
-    def _prior(self, candidate: Candidate, label: str) -> dict[str, tuple[float, float]]:
-        return {f"{label}.{key}": told for key, told in candidate.prior.items()}
 
     def _added(self, state: State, choice: Choice, hypothesis: Hypothesis | None = None) -> State:
         hypothesis = hypothesis or choice.best
@@ -307,7 +328,7 @@ class Road:
             label = naming.hypothesis.label
             model = without_effect(state.model, label)
             kept = [state.model.names.index(name) for name in model.names]
-            found = fit(self.bench, model, model.space.to_cube(state.fit.theta[kept])[None], wide=False)
+            found = fit(self.bench, model, model.space.to_cube(state.fit.theta[kept])[None], self.prior, wide=False)
             back = replace(naming.hypothesis, fit=state.fit)
             if not is_needed(found, back):
                 self.say(f"{naming.hypothesis.name} is no longer needed")
@@ -316,12 +337,24 @@ class Road:
         return state
 
 
-def _promising(promises: Sequence[Promise]) -> list[Promise]:
-    """The first of each name, and a second option of a name that promises nearly as much."""
+def _promising(promises: Sequence[Promise], wanted: int) -> list[Promise]:
+    """The best names: the first option of each, a second that promises nearly as much, and what is parallel to them."""
     best: dict[str, list[Promise]] = {}
     for promise in promises:
         own = best.setdefault(promise.candidate.name, [])
         if not own or (len(own) == 1 and promise.drop >= SECOND * own[0].drop):
             own.append(promise)
-    ranked = sorted(best.values(), key=lambda own: -own[0].drop)[:N_WIDE]
-    return [promise for own in ranked for promise in own]
+    alike = dict(zip((id(promise) for promise in promises), twins(promises), strict=True))
+    ranked = sorted(best, key=lambda name: -best[name][0].drop)
+    names = list(ranked[:wanted])
+    names += [other for name in ranked[:wanted] for other in alike[id(best[name][0])] if other in best]
+    return [promise for name in dict.fromkeys(names) for promise in best[name]]
+
+
+def _best_of_each(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Of every name the best."""
+    best: dict[str, Hypothesis] = {}
+    for one in hypotheses:
+        if one.name not in best or one.cost < best[one.name].cost:
+            best[one.name] = one
+    return list(best.values())

@@ -18,15 +18,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.diagnosis.candidate import Candidate, distance, vector
-from torchplate.diagnosis.fit import Problem
+from torchplate.diagnosis.fit import Prior, Problem
 from torchplate.diagnosis.workbench import Workbench, with_candidate
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
 
-# The level at which candidates are scored.
+# The level at which candidates are scored where peaks do not overlap.
 LEVEL = 1
-# How far the linear model is believed, in multiples of the step tried.
-LOWEST, HIGHEST = -1.0, 2.5
 # Starts of one candidate for its refit, and how far apart they must sit.
 N_START, APART = 3, 0.2
 # Signatures are parallel from this cosine on.
@@ -56,7 +54,12 @@ class Scored(NamedTuple):
 
 
 def screen(
-    bench: Workbench, base: PlateModel, theta: Float[Tensor, " n_parameter"], everyone: Sequence[Candidate]
+    bench: Workbench,
+    base: PlateModel,
+    theta: Float[Tensor, " n_parameter"],
+    everyone: Sequence[Candidate],
+    prior: Prior,
+    near: bool = False,
 ) -> list[Scored]:
     """Score all candidates, the most promising first.
 
@@ -65,9 +68,12 @@ def screen(
         base: the baseline in a basis that the candidates share.
         theta: its fitted parameters.
         everyone: the candidates.
+        prior: what is known of the baseline's parameters beforehand.
+        near: whether the model is nearly right, so that peaks overlap: candidates are then scored at the sharp level,
+            by small steps.
     """
-    level = min(LEVEL, bench.target.levels - 1)
-    here = Problem(bench, base, {})
+    level = bench.target.levels - 1 if near else min(LEVEL, bench.target.levels - 1)
+    here = Problem(bench, base, prior)
     position = base.space.to_cube(theta)
     residual = here.residual(position, level)
     if len(base.names):
@@ -85,23 +91,23 @@ def screen(
     for candidate in everyone:
         label = new_label(base, candidate.name)
         model = with_candidate(base, label, candidate)
-        members = _members(model, theta, base, candidate, label)
+        trials = candidate.near if near else candidate.far
+        members = _members(model, theta, base, [trial.values for trial in trials], label)
         with torch.no_grad():
-            there = Problem(bench, model, {}).residual(model.space.to_cube(members), level)
+            there = Problem(bench, model, prior).residual(model.space.to_cube(members), level)
         change = free(residual - there)
-        size = change.square().sum(-1).clamp(min=1e-300)
+        size = change.square().sum(-1).clamp(min=1e-280)
         along = change @ left
         # A discrete effect is there or not.
-        alpha = (along / size).clamp(LOWEST, HIGHEST) if candidate.searched else torch.ones_like(size)
+        limits = along.new_tensor([[trial.lowest, trial.highest] for trial in trials])
+        alpha = (along / size).clamp(limits[:, 0], limits[:, 1]) if candidate.searched else torch.ones_like(size)
         drop = (2 * alpha * along - alpha.square() * size) / max(total, 1e-300)
-        values = [_moved(candidate, dict(one), float(a)) for one, a in zip(candidate.grid, alpha, strict=True)]
+        values = [_moved(candidate, dict(one.values), float(a)) for one, a in zip(trials, alpha, strict=True)]
         chosen = _apart(values, drop)
-        starts = torch.stack([_start(model, theta, base, values[index], label) for index in chosen])
-        best = chosen[0]
+        starts = torch.stack([start_of(model, theta, base, values[index], label) for index in chosen])
+        best, least = chosen[0], int(size.argmin()) if not candidate.has_place else chosen[0]
         found.append(
-            Scored(
-                candidate, label, model, float(drop[best]), values[best], starts, change[best] / size[best].sqrt()
-            )
+            Scored(candidate, label, model, float(drop[best]), values[best], starts, change[least] / size[least].sqrt())
         )
     return sorted(found, key=lambda one: -one.drop)
 
@@ -127,8 +133,10 @@ def new_label(model: PlateModel, name: str) -> str:
     return f"{name}_{number}"
 
 
-def _members(model: PlateModel, theta: Tensor, base: PlateModel, candidate: Candidate, label: str) -> Tensor:
-    own = torch.stack([vector(model, values, label) for values in candidate.grid]).to(theta)
+def _members(
+    model: PlateModel, theta: Tensor, base: PlateModel, grid: Sequence[Mapping[str, float]], label: str
+) -> Tensor:
+    own = torch.stack([vector(model, values, label) for values in grid]).to(theta)
     return torch.where(own.isnan(), _spread(model, theta, base), own)
 
 
@@ -163,7 +171,10 @@ def _apart(values: Sequence[Mapping[str, float]], drop: Tensor) -> list[int]:
     return chosen
 
 
-def _start(model: PlateModel, theta: Tensor, base: PlateModel, values: Mapping[str, float], label: str) -> Tensor:
+def start_of(
+    model: PlateModel, theta: Tensor, base: PlateModel, values: Mapping[str, float], label: str
+) -> Float[Tensor, " n"]:
+    """A candidate's values beside the baseline's, as a place to start from on the unit cube."""
     own = vector(model, values, label).to(theta)
     whole = torch.where(own.isnan(), _spread(model, theta, base), own)
     return model.space.to_cube(whole).clamp(1e-3, 1 - 1e-3)

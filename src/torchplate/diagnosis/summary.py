@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 
 # A gap of no more than this many noise floors is at the floor.
 AT_FLOOR = 1.1
-# Effects that are the same thing under another name wherever the first is found.
-SAME_THING = {"ground_spring": ("support_spring",), "ground_dashpot": ("support_spring",)}
-SHARE_LISTED = 0.02
 
 
 def summarise(seen: "Travelled", seconds: float) -> Diagnosis:
@@ -93,8 +90,7 @@ def _named(bench: Workbench, naming: "Naming") -> Named:
     found = _estimates(hypothesis.fit)
     prefix = f"{hypothesis.label}."
     parameters = {name.removeprefix(prefix): one for name, one in found.items() if name.startswith(prefix)}
-    equivalent = dict.fromkeys([*choice.equivalent, *SAME_THING.get(hypothesis.name, ())])
-    equivalent.pop(hypothesis.name, None)
+    equivalent = choice.equivalent
     rival = choice.next_best
     against = ""
     if rival is not None:
@@ -109,7 +105,7 @@ def _named(bench: Workbench, naming: "Naming") -> Named:
         name=hypothesis.name,
         label=hypothesis.label,
         options=hypothesis.candidate.options,
-        equivalent=tuple(equivalent),
+        equivalent=equivalent,
         confidence=round(choice.confidence, 3),
         parameters=parameters,
         evidence=text,
@@ -141,7 +137,11 @@ def _gap(bench: Workbench, noise: Noise | None, before: Fit, after: Fit) -> Gap:
         value = float(bench.target.gap(fit.prediction, heldout))
         return None if math.isnan(value) else value
 
-    floor = noise.floor if noise is not None else float((bench.target.std / bench.target.table.frequency).square().mean().sqrt())  # type: ignore[attr-defined]
+    floor = (
+        noise.floor
+        if noise is not None
+        else float((bench.target.std / bench.target.table.frequency).square().mean().sqrt())
+    )  # type: ignore[attr-defined]
     return Gap(one(before, False) or 0.0, one(after, False) or 0.0, one(before, True), one(after, True), floor)
 
 

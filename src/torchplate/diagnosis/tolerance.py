@@ -1,0 +1,69 @@
+"""Numbers that are known as well as a ruler or a scale knows them: fitted too, and held by what is known of them.
+
+A number with a standard deviation is neither fixed nor free. It is searched within a few of them, and its deviation
+over its standard deviation is one more residual of the sharp level. Two sides with their own deviations are an aspect
+ratio, and an area that makes the plate heavier: the mass of the plate is all that the FRFs see of that, since its
+stiffness goes with Young's modulus.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from torchplate.diagnosis.fit import Prior
+from torchplate.diagnosis.workbench import known_values, rebuilt, searched
+from torchplate.effects import AspectRatio
+from torchplate.model import PlateModel, Searched
+
+# How far a number may leave its value, in standard deviations.
+REACH = 5.0
+SIDES = "sides"
+
+
+class Held(NamedTuple):
+    """A model whose uncertain numbers are searched, and what holds them.
+
+    Attributes:
+        model: the model.
+        prior: "label.parameter" → mean and standard deviation.
+    """
+
+    model: PlateModel
+    prior: Prior
+
+
+def with_tolerances(model: PlateModel, tolerance: Mapping[str, float]) -> Held:
+    """Let uncertain numbers move.
+
+    Args:
+        model: with the numbers as they are believed.
+        tolerance: "label.parameter", "mesh.length_x" or "mesh.length_y" → standard deviation in SI units.
+
+    Raises:
+        ValueError: if there is no number of that name.
+    """
+    known = known_values(model)
+    own = {key: std for key, std in tolerance.items() if not key.startswith("mesh.") and std > 0}
+    for key in own:
+        if key not in known:
+            raise ValueError(f"No number named '{key}' in the model. It has: {', '.join(known)}. Correct its name.")
+    sides = [
+        tolerance.get(f"mesh.{name}", 0.0) / side
+        for name, side in (("length_x", model.mesh.length_x), ("length_y", model.mesh.length_y))
+    ]
+    effects = dict(model.effects)
+    prior: dict[str, tuple[float, float]] = {}
+    if (relative := math.hypot(*sides)) > 0:
+        plate = next(label for label, effect in effects.items() if effect.name == "plate")
+        density = f"{plate}.density"
+        if density in known:
+            own[density] = math.hypot(own.get(density, 0.0), relative * known[density])
+        if not any(effect.name == "aspect_ratio" for effect in effects.values()):
+            effects[SIDES] = AspectRatio()
+            prior[f"{SIDES}.ratio"] = (1.0, relative)
+    prior |= {key: (known[key], std) for key, std in own.items()}
+    if not prior:
+        return Held(model, {})
+    wanted = {key: Searched(mean - REACH * std, mean + REACH * std) for key, (mean, std) in prior.items()}
+    rest = {key: value for key, value in known.items() if key not in wanted}
+    return Held(rebuilt(model, effects, rest, searched(model) | wanted), prior)
