@@ -8,17 +8,23 @@ VENV = .venv
 BIN = $(VENV)/bin
 
 .DEFAULT_GOAL = help
-.PHONY: help run test check paper clean
+.PHONY: help run diagnose test check paper blind real clean
 
 help:
-	@echo "make run     set up, then identify the paper's plate by DE and ABC; results in runs/"
-	@echo "make test    set up, then run the tests"
-	@echo "make check   format, lint, types, tests and doctests"
-	@echo "make paper   reproduce the paper's tables and figures (20 seeds)"
-	@echo "make clean   remove the virtual environment and caches"
+	@echo "make run       set up, then identify the paper's plate by DE and ABC; results in runs/"
+	@echo "make diagnose  set up, then find what is hidden on a plate that was hit in a virtual test"
+	@echo "make test      set up, then run the tests"
+	@echo "make check     format, lint, types, tests and doctests"
+	@echo "make paper     reproduce the paper's tables and figures (20 seeds)"
+	@echo "make blind     name hidden effects in 160 + 160 cases made by another discretisation (two hours)"
+	@echo "make real      diagnose the measured plates of ../shared/data, where they are"
+	@echo "make clean     remove the virtual environment and caches"
 
 run: $(VENV)/.run
 	$(BIN)/python -m torchplate.cli.main_job
+
+diagnose: $(VENV)/.run
+	$(BIN)/python -m torchplate.cli.hidden_effect
 
 # A process for each core takes the tests file by file, with one thread: on small matrices the threads of two pools that
 # share few cores wait for each other.
@@ -36,6 +42,16 @@ check: $(VENV)/.check
 
 paper: $(VENV)/.run
 	$(BIN)/python -m torchplate.cli.paper
+
+# SET=A alone, say, or CASES=0:20.
+SET ?= A B
+CASES ?= 0:
+blind: export OMP_NUM_THREADS = 1
+blind: $(VENV)/.check
+	@for set in $(SET); do $(BIN)/python tests/blind --set $$set --out runs/blind/$$set --cases $(CASES) || exit 1; done
+
+real: $(VENV)/.run
+	$(BIN)/python -m torchplate.cli.real
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import torch
 from rich.console import Console
 from rich.table import Table
 
@@ -31,7 +30,6 @@ def diagnose(
     out: Path | None = None,
     overrides: Sequence[str] = (),
     device: str = "cpu",
-    resume: bool = False,
     report: bool = True,
     console: Console | None = None,
 ) -> Diagnosis:
@@ -43,8 +41,6 @@ def diagnose(
         out: the folder; `runs/<config name>/<time>` if left out.
         overrides: "key.key=value" each.
         device: where the tensors live.
-        resume: go on in `out`, or in the config's latest folder: a diagnosis that ended is read again, one that did
-            not begins anew.
         report: whether to write report.md, report.html and the TensorBoard log.
         console: where progress goes.
 
@@ -61,7 +57,8 @@ def diagnose(
             "measurement",
             "Expected FRFs or natural frequencies for a diagnosis, got both. Take one of them out.",
         )
-    recipe.told("effects", model.check_channels) if evidence.measurement is not None else None
+    if evidence.measurement is not None:
+        recipe.told("effects", model.check_channels)
     folder = run_folder(recipe, out, resume=False)
     open_folder(recipe, folder, device)
     console.print(f"[bold]{recipe.path.stem}[/]")

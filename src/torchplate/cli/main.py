@@ -66,8 +66,8 @@ def _parser() -> argparse.ArgumentParser:
     verb.add_argument("--out", type=Path, help="the folder (default: runs/<config name>/<time>)")
     verb.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a value of the config")
     verb.add_argument("--device", default="cpu", help="where the tensors live (default: cpu)")
-    verb.add_argument("--resume", action="store_true", help="accepted as by run; a diagnosis is short and begins anew")
-    verb.set_defaults(verb=lambda a: diagnose(a.config, a.out, a.set, a.device, a.resume))
+    verb.add_argument("--resume", action="store_true", help="leave it at what --out holds if that has ended")
+    verb.set_defaults(verb=_diagnose)
 
     verb = verbs.add_parser("compare", help="lay finished runs over each other")
     verb.add_argument("runs", type=Path, nargs="+", metavar="RUN_DIR", help="folders of finished runs")
@@ -98,6 +98,14 @@ def _run(parsed: argparse.Namespace) -> None:
             run(parsed.config, parsed.out, parsed.set, parsed.device, parsed.resume, ranks=ranks)
         else:
             follow(ranks)
+
+
+def _diagnose(parsed: argparse.Namespace) -> None:
+    """Minutes at most, so one that was stopped begins anew; one that ended is not repeated."""
+    if parsed.resume and parsed.out is not None and (parsed.out / "diagnosis.json").exists():
+        print(f"{parsed.out} holds a diagnosis that has ended. Leave --resume out to repeat it.")
+        return
+    diagnose(parsed.config, parsed.out, parsed.set, parsed.device)
 
 
 def effects(console: Console) -> None:

@@ -249,6 +249,11 @@ def _described(objective: Objective) -> str:
 
 
 def device_named(name: str) -> torch.device:
+    """The device of that name.
+
+    Raises:
+        InputError: if torch cannot use it.
+    """
     try:
         device = torch.device(name)
         torch.zeros(1, device=device)

@@ -1,7 +1,7 @@
-"""What may be missing: every effect of the catalogue, with its fixed options, its priors and a grid of members to try.
+"""What may be missing: every effect of the catalogue, with its fixed options, its priors and members to try.
 
-The candidates follow from the class bodies of the effects: their parameters, neutral values and priors, and the names of
-their options. A new effect is a candidate as soon as it is in the catalogue.
+The candidates follow from the class bodies of the effects: their parameters, neutral values and priors, and the names
+of their options. A new effect is a candidate as soon as it is in the catalogue.
 """
 
 import itertools
@@ -30,8 +30,9 @@ BELIEVED = (-1.0, 2.5)
 PLACES = (0.03, 0.19, 0.35, 0.5, 0.65, 0.81, 0.97)
 PATCHES = (0.1, 0.3, 0.5, 0.7, 0.9)
 SIZES = (0.15, 0.35)
-# Members tried of a candidate with several parameters that would give too many; and choices of channels.
-MOST_MEMBERS, MOST_CHOICES = 60, 400
+# Members tried of a candidate with several parameters: of all values together, of those half way to the ends; and
+# choices of channels.
+MOST_MEMBERS, MOST_CORNERS, MOST_CHOICES = 60, 81, 400
 # A place is taken for a node's if it is this near to it, relative to the plate.
 NEAR_NODE = 0.012
 # Effects that are no candidates: the plate itself, and what is settled before anything is named.
@@ -39,7 +40,7 @@ NEVER = frozenset({"plate", "support_spring", "mesh_discretisation"})
 
 
 class Trial(NamedTuple):
-    """A member of a candidate, and the multiples of its step from the neutral values that a linear change is good for."""
+    """A member of a candidate, and the multiples of its step from the neutral values that it is believed for."""
 
     values: Mapping[str, float]
     lowest: float
@@ -96,7 +97,7 @@ def candidates(
     for name, kind in CATALOGUE.items():
         if name in NEVER or name in without:
             continue
-        for chosen in _choices(kind, model, plan, channels):
+        for chosen in _choices(kind, model, channels):
             effect = kind(**chosen)
             free = {
                 key: parameter
@@ -160,7 +161,7 @@ class Channels:
     reference: tuple[Any, ...]
 
 
-def _choices(kind: type[Effect], model: PlateModel, plan: Plan, channels: Channels) -> Iterator[dict[str, Any]]:
+def _choices(kind: type[Effect], model: PlateModel, channels: Channels) -> Iterator[dict[str, Any]]:
     """The options with which an effect may be missing."""
     keys = options(kind)
     if "edge" in keys:
@@ -246,7 +247,18 @@ def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], ta
     else:
         rest = {key: neutral.get(key, values[0]) for key, values in axes.items()}
         every = [rest | {key: value} for key, values in axes.items() for value in values]
+        if not tangent and 3 ** len(axes) <= MOST_CORNERS:
+            corners = {key: [_between(searched[key], rest[key], end) for end in (0, None, 1)] for key in axes}
+            every += [dict(zip(axes, values, strict=True)) for values in itertools.product(*corners.values())]
     return [Trial(values, *believed) for values in every]
+
+
+def _between(interval: Searched, neutral: float, end: int | None) -> float:
+    """The neutral value, or one half way to an end of the interval."""
+    if end is None:
+        return neutral
+    far = interval.high if end else interval.low
+    return (neutral * far) ** 0.5 if interval.logarithmic and neutral > 0 else 0.5 * (neutral + far)
 
 
 def _tangent(interval: Searched, neutral: float | None) -> float:

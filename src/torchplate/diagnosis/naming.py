@@ -6,10 +6,9 @@ count in units of the best one's own mean square where that is above 1: a model 
 less of what is small.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-import math
 
 from torchplate.diagnosis.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
@@ -20,8 +19,8 @@ PRICE = 8.0
 EQUIVALENT = 14.0
 # An effect is taken where it takes this part of all that speaks against the model, and at least so much.
 LEAST_PART, LEAST_FALL = 0.04, 60.0
-# Mean square up to which nothing but noise is left.
-NOISE_ONLY = 1.15
+# Mean square up to which nothing but noise is left; and where a patch is in the model, whose edges cut its elements.
+NOISE_ONLY, WITH_PATCH = 1.15, 1.6
 
 
 @dataclass(frozen=True)
@@ -90,6 +89,12 @@ def choose(hypotheses: Sequence[Hypothesis]) -> Choice:
     next_best = others[0] if others else None
     margin = (others[0].cost - best.cost) / unit if others else math.inf
     return Choice(best, tuple(dict.fromkeys(equivalent)), next_best, margin, confidence(margin, unit))
+
+
+def is_noise(fit: Fit) -> bool:
+    """Whether nothing but noise is left."""
+    patch = any("size" in effect.parameters for effect in fit.model.effects.values())
+    return fit.reduced_misfit <= (WITH_PATCH if patch else NOISE_ONLY)
 
 
 def confidence(margin: float, misfit: float) -> float:

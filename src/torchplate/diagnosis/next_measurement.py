@@ -44,7 +44,7 @@ def next_measurements(sets: Iterable[Sequence[str]], unexplained: bool, few: boo
     for names in sets:
         if len(names) < 2:
             continue
-        ranked = sorted((CHECKS[name] for name in names if name in CHECKS))
+        ranked = sorted(CHECKS[name] for name in names if name in CHECKS)
         # One effect fewer than there are has to be settled.
         for cost, sentence in ranked[: max(1, len(names) - 1)]:
             others = ", ".join(name for name in names)

@@ -61,11 +61,13 @@ class Noise:
         std: standard deviation of the real and of the imaginary part, in the unit of the FRFs; 0 where not measured.
         floor: mean over FRFs of √(Σ 2 std²) / ‖H‖ [-]: what noise alone makes the gap.
         sentences: where the numbers come from.
+        slope: |dH/df| of the resonances found, between lines too [unit of the FRFs per Hz]; 0 where none were sought.
     """
 
     std: Float[Tensor, "n_frequency n_response n_reference"]
     floor: float
     sentences: tuple[str, ...]
+    slope: Float[Tensor, "n_frequency n_response n_reference"]
 
 
 def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise:
@@ -85,11 +87,11 @@ def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise
     frf = frf.to(torch.complex128)
     norm = frf.norm(dim=0)
     alive = norm > 0
-    variance = torch.zeros_like(frf.real)
+    variance, steep = torch.zeros_like(frf.real), torch.zeros_like(frf.real)
     sentences: list[str] = []
     if bool(alive.any()):
         scatter = _from_smoothness(measurement, frf[:, alive], alive)
-        variance[:, alive] = scatter.variance
+        variance[:, alive], steep[:, alive] = scatter.variance, scatter.slope
         sentences.append(scatter.sentence)
         if measurement.coherence is not None:
             coherence = measurement.coherence[:, kept][:, alive].to(variance)
@@ -101,8 +103,9 @@ def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise
     floor = float(floors[alive].mean()) if bool(alive.any()) else 0.0
     sentences.append(_of_reciprocity(measurement, floor))
     std = torch.zeros_like(measurement.frf.real)
-    std[:, kept] = variance.sqrt().to(std)
-    return Noise(std, floor, tuple(sentence for sentence in sentences if sentence))
+    slope = torch.zeros_like(std)
+    std[:, kept], slope[:, kept] = variance.sqrt().to(std), steep.to(std)
+    return Noise(std, floor, tuple(sentence for sentence in sentences if sentence), slope)
 
 
 class _Scatter(NamedTuple):
@@ -111,12 +114,14 @@ class _Scatter(NamedTuple):
     Attributes:
         variance: of each part.
         smooth: the FRFs without their noise.
+        slope: |dH/df| of their resonances.
         sentence: where the numbers come from.
         times: how many times a variance's expectation the scatter is.
     """
 
     variance: Float[Tensor, "n_line n_frf"]
     smooth: Complex[Tensor, "n_line n_frf"]
+    slope: Float[Tensor, "n_line n_frf"]
     sentence: str
     times: Callable[[Tensor], Tensor]
 
@@ -129,7 +134,9 @@ def _from_smoothness(
         level = share * frf.abs().median(dim=0).values
         said = f"The noise is an upper bound from the neighbours of each line: {len(frf)} lines are too few for more."
         crude = (0.5 * level.square()).expand(len(frf), -1)
-        return _Scatter(crude, frf, said, lambda other: (crude / other.clamp(min=1e-300)).mean(0))
+        return _Scatter(
+            crude, frf, torch.zeros_like(crude), said, lambda other: (crude / other.clamp(min=1e-300)).mean(0)
+        )
     scale = frf.abs().square().mean(0).sqrt()
     fit = _Fit.of(measurement.frequency.to(frf.real), frf / scale)
     sensor, signal = fit.level.unbind(-1)
@@ -144,7 +151,9 @@ def _from_smoothness(
         f"The noise is what {len(fit.pole)} resonances common to all FRFs and a smooth rest leave of {len(frf)} lines: "
         f"{kinds}{own}."
     )
-    return _Scatter(variance, smooth * scale, said, lambda other: fit.times(2 * other / scale.square()))
+    return _Scatter(
+        variance, smooth * scale, fit.slope * scale, said, lambda other: fit.times(2 * other / scale.square())
+    )
 
 
 class _Basis(NamedTuple):
@@ -196,6 +205,17 @@ class _Fit:
     def smooth(self) -> Complex[Tensor, "n_line n_frf"]:
         """The FRFs as fitted."""
         return self.frf - self.residual / self.weight[:, None]
+
+    @property
+    def slope(self) -> Float[Tensor, "n_line n_frf"]:
+        """|dH/df| of the poles, of whatever width: Σ R_r 2f / (q_r − f²)²."""
+        if not len(self.pole):
+            return torch.zeros_like(self.frf.real)
+        basis = self.final
+        amplitude = torch.linalg.solve_triangular(basis.upper, basis.q.mH @ self.target, upper=True)[: len(self.pole)]
+        distance = self.pole - self.frequency.square()[:, None]
+        change = (2 * self.frequency[:, None] / distance.square()) @ (amplitude / basis.norm[:, None])
+        return change.abs()
 
     def _first_level(self) -> Tensor:
         """First guess: a from second differences in the valleys, an upper bound; b of one per cent."""

@@ -17,7 +17,7 @@ from torchplate.diagnosis.candidate import Candidate, Channels, candidates, supp
 from torchplate.diagnosis.fit import Fit, Problem, fit, widely
 from torchplate.diagnosis.holdout import exchanged, held_out
 from torchplate.diagnosis.ledger import Diagnosis
-from torchplate.diagnosis.naming import NOISE_ONLY, Choice, Hypothesis, choose, is_needed
+from torchplate.diagnosis.naming import Choice, Hypothesis, choose, is_needed, is_noise
 from torchplate.diagnosis.noise import Noise, noise_level
 from torchplate.diagnosis.screen import Scored as Promise
 from torchplate.diagnosis.screen import new_label, screen, start_of, twins
@@ -36,8 +36,10 @@ N_WIDE, N_SHARP, NEAR = 9, 5, 6.0
 N_BEAM = 2
 # A second option of the same effect is followed if it promises at least this part of the first's.
 SECOND = 0.6
-# Below this mean square peaks of model and measurement overlap; below that one wide levels would show but noise.
-OVERLAPPING, NEARLY_RIGHT = 200.0, 12.0
+# Below this gap peaks of model and measurement overlap; below this mean square wide levels would show but noise.
+OVERLAPPING, NEARLY_RIGHT = 0.5, 2.5
+# Where noise alone is not reached, an effect is named if it leaves at most this part of what spoke against the model.
+LARGE_PART = 0.5
 # What sits at a place and goes to the ground.
 GROUNDED = frozenset({"ground_spring", "ground_dashpot"})
 # A place is a node's if it is this near to it, relative to the plate.
@@ -52,11 +54,13 @@ class State:
         model: the given one with the effects named so far, in all dofs.
         fit: of it.
         named: the effects, with what was known when each was named.
+        previous: before the last of them was added.
     """
 
     model: PlateModel
     fit: Fit
     named: tuple["Naming", ...] = ()
+    previous: "State | None" = None
 
 
 @dataclass(frozen=True)
@@ -133,7 +137,7 @@ def diagnose(
     target: Target
     if measurement is not None:
         noise = noise_level(measurement, n_average)
-        target = FrfTarget(measurement, noise.std, held_out(measurement.measured, seed), gain_is_unknown)
+        target = FrfTarget(measurement, noise, held_out(measurement.measured, seed), gain_is_unknown)
     else:
         assert natural_frequencies is not None
         target = FrequencyTarget(natural_frequencies)
@@ -227,7 +231,7 @@ class Road:
             if not is_needed(state.fit, choice.best):
                 break
             single = self._added(state, choice)
-            if single.fit.reduced_misfit <= NOISE_ONLY or len(state.named) + 1 >= most_effects:
+            if is_noise(single.fit) or len(state.named) + 1 >= most_effects:
                 state = single
                 break
             # One alone does not do: the best pair need not begin with the best single one.
@@ -236,9 +240,9 @@ class Road:
                 state = single
                 break
             state = further
-            if state.fit.reduced_misfit <= NOISE_ONLY:
+            if is_noise(state.fit):
                 break
-        return self._without_needless(state), looks
+        return self._without_needless(_worth_their_names(state)), looks
 
     def _pairs(self, state: State, look: Looked, single: State, looks: list[Looked]) -> State | None:
         ranked = sorted(look.hypotheses, key=lambda one: one.cost)
@@ -262,7 +266,7 @@ class Road:
             found = self._added(start, choice)
             if best is None or found.fit.cost < best.fit.cost:
                 best = found
-            if found.fit.reduced_misfit <= NOISE_ONLY:
+            if is_noise(found.fit):
                 break
         return best
 
@@ -273,16 +277,22 @@ class Road:
         everyone = candidates(base, state.fit.theta, self.channels)
         self.say(f"scoring {len(everyone)} candidates")
         misfit, chosen, promises = state.fit.reduced_misfit, [], []
-        if bench.target.levels == 1 or misfit < OVERLAPPING:
+        if bench.target.levels == 1 or float(bench.target.gap(state.fit.prediction)) < OVERLAPPING:
             promises = screen(bench, base, state.fit.theta, everyone, self.prior, near=True)
             # Where nothing but noise is left, a look at the best two is a check.
-            wanted = 2 if misfit <= NOISE_ONLY else N_SHARP
+            wanted = 2 if is_noise(state.fit) else N_SHARP
             chosen = [(promise, promise.starts) for promise in _promising(promises, wanted)]
         if bench.target.levels > 1 and misfit > NEARLY_RIGHT:
             widely_scored = screen(bench, base, state.fit.theta, everyone, self.prior)
             chosen += self._down(_promising(widely_scored, N_WIDE))
             promises = promises or widely_scored
-        hypotheses = [self._refit(state.model, one.candidate, one.label, starts) for one, starts in chosen]
+        together: dict[str, tuple[Promise, list[Tensor]]] = {}
+        for promise, starts in chosen:
+            key = f"{promise.candidate.name} {promise.candidate.options}"
+            together.setdefault(key, (promise, []))[1].append(starts)
+        hypotheses = [
+            self._refit(state.model, one.candidate, one.label, torch.cat(starts)) for one, starts in together.values()
+        ]
         hypotheses += [self._as_support(state, one) for one in _best_of_each(hypotheses) if one.name in GROUNDED]
         return Looked(tuple(promises), tuple(_best_of_each(hypotheses)))
 
@@ -318,7 +328,7 @@ class Road:
         if hypothesis is not choice.best:
             choice = replace(choice, best=hypothesis)
         model = with_candidate(state.model, hypothesis.label, hypothesis.candidate)
-        return State(model, hypothesis.fit, (*state.named, Naming(hypothesis, choice, state.fit)))
+        return State(model, hypothesis.fit, (*state.named, Naming(hypothesis, choice, state.fit)), state)
 
     def _without_needless(self, state: State) -> State:
         """Take out again what the other effects made needless."""
@@ -335,6 +345,15 @@ class Road:
                 rest = tuple(one for one in state.named if one is not naming)
                 return self._without_needless(State(model, found, rest))
         return state
+
+
+def _worth_their_names(state: State) -> State:
+    """Without the last effects, where something else is missing still and they only stand in for a little of it."""
+    while state.previous is not None and not is_noise(state.fit):
+        if state.fit.cost <= LARGE_PART * state.previous.fit.cost:
+            break
+        state = state.previous
+    return state
 
 
 def _promising(promises: Sequence[Promise], wanted: int) -> list[Promise]:

@@ -26,7 +26,7 @@ from torchplate.search.jacobian import JACOBIANS
 # The level at which candidates are scored where peaks do not overlap.
 LEVEL = 1
 # Starts of one candidate for its refit, and how far apart they must sit.
-N_START, APART = 3, 0.2
+N_START, APART = 4, 0.2
 # Signatures are parallel from this cosine on.
 PARALLEL = 0.98
 

@@ -10,7 +10,7 @@ from torch import Tensor
 from torchplate.diagnosis.fit import Fit
 from torchplate.diagnosis.ledger import Diagnosis, Estimate, Gap, Location, Named, Overlay, Scored, Step, Verdict
 from torchplate.diagnosis.localise import localise
-from torchplate.diagnosis.naming import LEAST_FALL, LEAST_PART, NOISE_ONLY, Hypothesis
+from torchplate.diagnosis.naming import LEAST_FALL, LEAST_PART, Hypothesis, is_noise
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.noise import Noise
 from torchplate.diagnosis.screen import twins
@@ -43,7 +43,7 @@ def summarise(seen: "Travelled", seconds: float) -> Diagnosis:
     return Diagnosis(
         verdict=verdict,
         effects=(*finer, *effects),
-        gap=_gap(bench, noise, seen.given if finer else baseline.fit, final.fit),
+        gap=_gap(bench, seen.given if finer else baseline.fit, final.fit),
         location=_location(bench, noise, baseline, final),
         scores=tuple(_table(one, effects, bench) for one in seen.looks),
         steps=_steps(seen, bool(finer)),
@@ -75,7 +75,7 @@ def _finer_mesh(seen: "Travelled") -> tuple[Named, ...]:
 
 
 def _verdict(bench: Workbench, noise: Noise | None, final: "State") -> Verdict:
-    at_floor = final.fit.reduced_misfit <= NOISE_ONLY
+    at_floor = is_noise(final.fit)
     if noise is not None:
         gap = float(bench.target.gap(final.fit.prediction))
         at_floor = at_floor or gap <= AT_FLOOR * noise.floor
@@ -132,17 +132,14 @@ def _estimates(fit: Fit) -> dict[str, Estimate]:
     return found
 
 
-def _gap(bench: Workbench, noise: Noise | None, before: Fit, after: Fit) -> Gap:
+def _gap(bench: Workbench, before: Fit, after: Fit) -> Gap:
     def one(fit: Fit, heldout: bool) -> float | None:
         value = float(bench.target.gap(fit.prediction, heldout))
         return None if math.isnan(value) else value
 
-    floor = (
-        noise.floor
-        if noise is not None
-        else float((bench.target.std / bench.target.table.frequency).square().mean().sqrt())
-    )  # type: ignore[attr-defined]
-    return Gap(one(before, False) or 0.0, one(after, False) or 0.0, one(before, True), one(after, True), floor)
+    return Gap(
+        one(before, False) or 0.0, one(after, False) or 0.0, one(before, True), one(after, True), bench.target.floor
+    )
 
 
 def _steps(seen: "Travelled", finer: bool) -> tuple[Step, ...]:

@@ -17,6 +17,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from torchplate.diagnosis.noise import Noise
 from torchplate.measurement import Measurement, NaturalFrequencies
 from torchplate.model import PlateModel
 
@@ -25,8 +26,8 @@ WIDTHS = (0.05, 0.02, 0.007)
 SHARP = len(WIDTHS)
 # Lines of a smoothed spectrum for each half-width.
 PER_WIDTH = 1.3
-# What the basis and the solver leave, relative to the FRF; and what the mesh leaves of the modes' deflections and of the
-# static flexibility, relative to the level around a line: at the low and at the high end of the band.
+# What the basis and the solver leave, relative to the FRF; and what the mesh leaves of the modes' deflections and of
+# the static flexibility, relative to the level around a line: at the low and at the high end of the band.
 ROUNDING = 5e-4
 SHAPE = (4e-4, 1.8e-3)
 # The level around a line is taken over this part of its frequency on either side.
@@ -70,13 +71,18 @@ class Target(ABC):
     def gap(self, prediction: Tensor, heldout: bool = False) -> Float[Tensor, "*batch"]:
         """The gap on the fitted or on the held-out part; NaN where there is none."""
 
+    @property
+    @abstractmethod
+    def floor(self) -> float:
+        """What noise alone makes the gap."""
+
 
 class FrfTarget(Target):
     """Measured FRFs.
 
     Args:
         measurement: what was measured.
-        noise: standard deviation of the real and of the imaginary part.
+        noise: its noise.
         heldout: FRFs that no fit is to see.
         gain_is_unknown: the level carries no unit: one factor for all FRFs is fitted to each prediction.
     """
@@ -84,7 +90,7 @@ class FrfTarget(Target):
     def __init__(
         self,
         measurement: Measurement,
-        noise: Float[Tensor, "n_frequency n_response n_reference"],
+        noise: Noise,
         heldout: Bool[Tensor, "n_response n_reference"],
         gain_is_unknown: bool = False,
     ) -> None:
@@ -93,7 +99,7 @@ class FrfTarget(Target):
         self.frequency = measurement.frequency
         self.measured = measurement.frf
         self.levels = SHARP + 1
-        self.model_variance = torch.zeros_like(noise)
+        self.model_variance = torch.zeros_like(noise.std)
         self._filters = [_kernel(self.frequency, width) for width in WIDTHS]
         self.hold_out(heldout)
 
@@ -121,7 +127,7 @@ class FrfTarget(Target):
         slope = (self.measured.diff(dim=0) / step).abs()
         edge = slope.new_zeros(1, *slope.shape[1:])
         # The steeper side: a peak may stand between two lines.
-        steepest = torch.maximum(torch.cat([edge, slope]), torch.cat([slope, edge]))
+        steepest = torch.maximum(torch.cat([edge, slope]), torch.cat([slope, edge])).maximum(self.noise.slope)
         moved = steepest * (self.frequency * shift)[:, None, None]
         power = self.measured.abs().square()
         away = (self.frequency[:, None] - self.frequency) / (AROUND * self.frequency[:, None] + float(step.median()))
@@ -134,7 +140,7 @@ class FrfTarget(Target):
     def variance(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
         """Of the real and of the imaginary part: noise and model."""
         floor = 1e-12 * self.measured.abs().square().mean(0)
-        return self.noise.square() + self.model_variance + floor
+        return self.noise.std.square() + self.model_variance + floor
 
     def predict(self, model: PlateModel, theta: Tensor) -> Tensor:
         """FRFs of the measured channels, at the fitted level where the measurement has none."""
@@ -175,6 +181,11 @@ class FrfTarget(Target):
         which = (self.heldout & self.measurement.measured) if heldout else self.fitted
         return each[..., which].mean(-1)
 
+    @property
+    def floor(self) -> float:
+        """What noise alone makes the gap."""
+        return self.noise.floor
+
     def gaps(self, prediction: Tensor) -> Float[Tensor, "*batch n_response n_reference"]:
         """The gap of each FRF."""
         size = self.measured.norm(dim=0).clamp(min=1e-300)
@@ -212,6 +223,11 @@ class FrequencyTarget(Target):
         """Root mean square of the relative error."""
         off = ((prediction - self.table.frequency) / self.table.frequency).square().mean(-1).sqrt()
         return torch.full_like(off, torch.nan) if heldout else off
+
+    @property
+    def floor(self) -> float:
+        """What the standard deviations alone make the gap."""
+        return float((self.std / self.table.frequency).square().mean().sqrt())
 
 
 def _kernel(frequency: Float[Tensor, " n_frequency"], width: float) -> Tensor:

@@ -1,4 +1,4 @@
-"""Where models are built and evaluated: one mesh for all, its error taken off, and small bases that are right where used.
+"""Where models are built and evaluated: one mesh for all, its error taken off, and bases that are right where used.
 
 Every hypothesis is the baseline with one more effect. Those that are screened share one basis, of the baseline; those
 that are refitted get a basis of their own, from the modes where they start and where they are, built anew as they move.
@@ -25,7 +25,7 @@ LEAST_ELEMENTS = 256
 # Modes kept, in multiples of the band's end.
 MARGIN = 3.0
 # What is left of a natural frequency's mesh error once it is extrapolated: a part of it, and something [-].
-LEFT_PART, LEFT = 5e-3, 1e-5
+LEFT_PART, LEFT = 0.02, 3e-5
 
 
 class Workbench:
@@ -70,8 +70,7 @@ class Workbench:
         basis = ritz_basis(model, members, lines, self.n_mode, MARGIN)
         if by_element is None:
             return model.projected(basis)
-        twin = on_mesh(model, Assembly(self.mesh, basis, by_element, model.assembly.correction))
-        return twin
+        return on_mesh(model, Assembly(self.mesh, basis, by_element, model.assembly.correction))
 
     def predict(self, model: PlateModel, theta: Float[Tensor, "*batch n_parameter"]) -> Tensor:
         """What a model says of the target."""
@@ -129,7 +128,7 @@ def rebuilt(
 
 
 def known_values(model: PlateModel) -> dict[str, float]:
-    """ "label.parameter" → value, of all that is not searched."""
+    """Values of all that is not searched, by "label.parameter"."""
     values = iter(model.known.tolist())
     return {
         key: next(values)
@@ -140,7 +139,7 @@ def known_values(model: PlateModel) -> dict[str, float]:
 
 
 def searched(model: PlateModel) -> dict[str, Searched]:
-    """ "label.parameter" → interval, of all that is searched."""
+    """Intervals of all that is searched, by "label.parameter"."""
     space = model.space
     rows = zip(space.names, space.low.tolist(), space.high.tolist(), space.logarithmic.tolist(), strict=True)
     return {name: Searched(low, high, logarithmic) for name, low, high, logarithmic in rows}

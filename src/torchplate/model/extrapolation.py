@@ -7,8 +7,8 @@ What the stiffness lacks, in the modes Φ of the mesh, is
     ΔK = M Φ C Φᵀ M,    C = 4/3 (Q Λ' Qᵀ − Λ),
 
 Q the orthogonal matrix nearest to the products of the two meshes' modes, so that close and repeated modes need not be
-told from each other. In the same way the modes' deflections at the nodes lack 4/3 (Φ' Qᵀ − Φ). Other plates of the box lack it in proportion to their rigidity: what then remains is the error of
-the error.
+told from each other. In the same way the modes' deflections at the nodes lack 4/3 (Φ' Qᵀ − Φ). Other plates of the box
+lack the stiffness in proportion to their rigidity: what then remains is the error of the error.
 """
 
 import copy

@@ -118,7 +118,7 @@ class SparseModel:
             self._factor = self._with_correction(factor.solve, 1.0)
         return self._factor(right)
 
-    def _with_correction(self, solve: Callable[[np.ndarray], np.ndarray], factor: complex) -> Any:
+    def _with_correction(self, solve: Callable[[np.ndarray], np.ndarray], factor: complex | float) -> Any:
         """A solve with A made one with A + factor · Rᵀ C R (Woodbury, 1950); C need not have an inverse."""
         if self.correction is None:
             return solve

@@ -239,9 +239,9 @@ class Assembly(nn.Module):
             flat = self.uniform[which].flatten(1)
             return (coefficient[..., 0, :] @ flat).unflatten(-1, (self.size, self.size))
         coefficient = coefficient.expand(*coefficient.shape[:-2], self.mesh.n_element, coefficient.shape[-1])
-        flat = self.elements if which.start == 0 else self.element_masses
-        if flat is not None:
-            return (coefficient.flatten(-2) @ flat).unflatten(-1, (self.size, self.size))
+        each = self.elements if which.start == 0 else self.element_masses
+        if each is not None:
+            return (coefficient.flatten(-2) @ each).unflatten(-1, (self.size, self.size))
         matrices = torch.einsum("...ek,kpq->...epq", coefficient, pattern)
         return self._scatter(matrices) if self.basis is None else self._project(matrices)
 

@@ -1,0 +1,290 @@
+"""`torchplate diagnose`: a folder that says what is missing, and a model with it."""
+
+import json
+from io import StringIO
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import torch
+import yaml
+from rich.console import Console
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from torchplate.cli.build import load_model, load_run
+from torchplate.cli.diagnose import diagnose, tolerances
+from torchplate.cli.main import main
+from torchplate.effects import CATALOGUE
+from torchplate.measurement import SI_UNIT, Channel, Measurement
+
+RESPONSE, REFERENCE = (4, 7), (1, 6, 10)
+LINES = torch.linspace(15.0, 390.0, 130, dtype=torch.float64)
+HIDDEN = {"x": 0.31, "y": 0.68, "mass": 0.05}
+SHARE = 0.01
+
+
+def write_measurement(truth: Path, path: Path) -> None:
+    """FRFs of a config's model with noise in proportion to them."""
+    model = load_model(truth)
+    frf = model.frf(model.known.new_zeros(0), LINES, list(RESPONSE), list(REFERENCE), "accelerance")
+    generator = torch.Generator().manual_seed(21)
+    white = torch.view_as_complex(torch.randn(*frf.shape, 2, generator=generator, dtype=torch.float64))
+    noise = SHARE * (0.5 * (frf.abs().square() + frf.abs().square().mean(0))).sqrt() * white / 2**0.5
+    Measurement(
+        frequency=LINES,
+        frf=frf + noise,
+        measured=torch.ones(frf.shape[1:], dtype=torch.bool),
+        response=tuple(map(Channel, RESPONSE)),
+        reference=tuple(map(Channel, REFERENCE)),
+        kind="accelerance",
+        unit=SI_UNIT["accelerance"],
+    ).to_npz(path)
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory, make_config) -> SimpleNamespace:
+    """A mass is hidden, the mesh has six elements, the thickness is known to a hundredth of a millimetre."""
+    folder = tmp_path_factory.mktemp("diagnosed")
+    hidden = {"effects.hidden": {"effect": "point_mass", **HIDDEN}}
+    finer = {"mesh.refine": 6, "mesh.extrapolate": True, "measurement": {"band": [0.0, 400.0]}}
+    truth = folder / "truth.yaml"
+    truth.write_text(json.dumps(make_config(changes=hidden | finer)))
+    write_measurement(truth, folder / "plate.npz")
+    known = {"effects.plate.thickness": {"value": 0.00311, "std": 1e-5}, "measurement.band": [20.0, 400.0]}
+    path = folder / "configs" / "plate.yaml"
+    path.parent.mkdir()
+    changes = known | {"measurement.file": "../plate.npz"}
+    path.write_text(json.dumps(make_config(["plate.youngs_modulus"], changes)))
+    out, console = folder / "runs" / "one", Console(file=StringIO(), width=200)
+    found = diagnose(path, out, ["search.seed=3", "measurement.band=[20.0, 380.0]"], console=console)
+    content = json.loads((out / "diagnosis.json").read_text())
+    return SimpleNamespace(found=found, content=content, folder=out, path=path, shown=console.file.getvalue())
+
+
+NUMBER = (int, float)
+GAP = {"metric", "baseline", "final", "heldout_baseline", "heldout_final", "noise_floor"}
+
+
+def test_diagnosis_json_is_what_the_contract_says(diagnosed):
+    content = diagnosed.content
+    assert content["schema"] == "torchplate.diagnosis/1"
+    assert content["verdict"] in ("consistent", "explained", "partly_explained", "unexplained")
+    assert content["model"] == "model.yaml"
+    assert set(content["gap"]) == GAP
+    assert content["gap"]["metric"] == "relative_frf_norm"
+    assert all(isinstance(content["gap"][key], float) for key in GAP - {"metric"})
+    for one in content["effects"]:
+        assert one["name"] in CATALOGUE
+        assert isinstance(one["label"], str)
+        assert set(one["equivalent"]) <= set(CATALOGUE) - {one["name"]}
+        assert 0 < one["confidence"] <= 1
+        assert isinstance(one["evidence"], str)
+        assert one["evidence"].endswith(".")
+        assert isinstance(one["gap_before"], float)
+        assert isinstance(one["gap_after"], float)
+        for name, told in one["parameters"].items():
+            assert set(told) == {"value", "std", "unit"}
+            assert isinstance(told["value"], NUMBER)
+            assert isinstance(told["std"], NUMBER)
+            assert told["unit"] == CATALOGUE[one["name"]].parameters[name].unit
+    assert all(len(band) == 2 and band[0] < band[1] for band in content["location"]["bands_hz"])
+    assert content["location"]["bands_hz"]
+    assert len(content["location"]["channels"]) == len(RESPONSE) * len(REFERENCE)
+    for row in content["location"]["channels"]:
+        assert set(row) == {"response", "reference", "gap"}
+        assert row["response"] in {f"{node}w" for node in RESPONSE}
+        assert row["reference"] in {f"{node}w" for node in REFERENCE}
+        assert isinstance(row["gap"], float)
+    assert all(isinstance(sentence, str) for sentence in content["next_measurements"])
+
+
+def test_the_mass_is_named(diagnosed):
+    content = diagnosed.content
+    assert content["verdict"] == "explained"
+    mesh, mass = content["effects"]
+    assert mesh["name"] == "mesh_discretisation"
+    assert (mass["name"], mass["equivalent"]) == ("point_mass", [])
+    for name, value in HIDDEN.items():
+        assert mass["parameters"][name]["value"] == pytest.approx(value, abs=0.03 if name in "xy" else 0.003)
+    assert content["gap"]["final"] < 0.1 * content["gap"]["baseline"]
+
+
+def test_model_yaml_holds_the_found_numbers_and_loads(diagnosed):
+    raw = yaml.safe_load((diagnosed.folder / "model.yaml").read_text())
+    model = load_model(diagnosed.folder / "model.yaml")
+    assert model.names == ()
+    mass = diagnosed.content["effects"][1]
+    effect = raw["effects"][mass["label"]]
+    assert effect == {"effect": "point_mass"} | {name: told["value"] for name, told in mass["parameters"].items()}
+    for label, body in raw["effects"].items():
+        numbers = {name: value for name, value in body.items() if name not in ("effect", "nodes", "extrapolate")}
+        assert all(isinstance(value, NUMBER) for value in numbers.values()), (label, body)
+    # What was known well has hardly moved.
+    assert raw["effects"]["plate"]["thickness"] == pytest.approx(0.0031, abs=5e-5)
+    assert raw["effects"]["plate"]["poisson_ratio"] == 0.31
+
+
+def test_gaps_are_those_of_the_model_that_is_handed_over(diagnosed):
+    recipe = load_run(diagnosed.folder / "model.yaml")
+    measured, model = recipe.measurement(), recipe.model()
+    each = (model.frf(model.known[:0], measured.frequency) - measured.frf).norm(dim=0) / measured.frf.norm(dim=0)
+    heldout = diagnosed.found.overlay.heldout
+    gap = diagnosed.content["gap"]
+    assert float(each[~heldout].mean()) == pytest.approx(gap["final"], rel=0.05)
+    assert float(each[heldout].mean()) == pytest.approx(gap["heldout_final"], rel=0.05)
+    assert gap["noise_floor"] == pytest.approx(SHARE, rel=0.25)
+
+
+def test_run_evaluates_the_model_that_is_handed_over(diagnosed, tmp_path, monkeypatch):
+    monkeypatch.setattr("torchplate.cli.report.save", lambda _, path: path.write_bytes(b""))
+    assert main(["run", str(diagnosed.folder / "model.yaml"), "--out", str(tmp_path / "run")]) == 0
+    result = json.loads((tmp_path / "run" / "result.json").read_text())
+    gap, n_heldout = diagnosed.content["gap"], int(diagnosed.found.overlay.heldout.sum())
+    whole = ((6 - n_heldout) * gap["final"] + n_heldout * gap["heldout_final"]) / 6
+    assert result["gap"] == pytest.approx(whole, rel=0.05)
+    assert result["parameters"] == {}
+
+
+def test_a_model_that_is_handed_over_is_found_consistent(diagnosed, tmp_path):
+    path = diagnosed.folder / "model.yaml"
+    again = diagnose(path, tmp_path / "again", report=False, console=Console(file=StringIO()))
+    assert again.verdict == "consistent"
+    # Its mesh is mended already.
+    assert [one.name for one in again.effects] == []
+    assert again.gap.final == pytest.approx(diagnosed.content["gap"]["final"], rel=0.05)
+
+
+def test_overrides_are_in_the_saved_config(diagnosed):
+    saved = yaml.safe_load((diagnosed.folder / "config.yaml").read_text())
+    assert saved["search"]["seed"] == 3
+    assert saved["measurement"]["band"] == [20.0, 380.0]
+    assert (diagnosed.folder / saved["measurement"]["file"]).exists()
+    assert float(diagnosed.found.overlay.measured.frequency.max()) <= 380.0
+
+
+def test_the_report_and_the_log_are_there(diagnosed):
+    for name in ("report.md", "report.html"):
+        assert "point_mass" in (diagnosed.folder / name).read_text()
+    events = EventAccumulator(str(diagnosed.folder))
+    events.Reload()
+    scalars = events.Tags()["scalars"]
+    assert {"gap/baseline", "gap/point_mass"} <= set(scalars)
+    (baseline,) = events.Scalars("gap/baseline")
+    assert baseline.value == pytest.approx(diagnosed.content["gap"]["baseline"], rel=1e-5)
+    # The step is the number of evaluations.
+    assert baseline.step == diagnosed.found.n_evaluation > 0
+
+
+def test_the_screen_says_what_was_found_and_where_it_is(diagnosed):
+    assert "explained" in diagnosed.shown
+    assert "point_mass" in diagnosed.shown
+    assert str(diagnosed.folder) in diagnosed.shown
+    assert "noise floor" in diagnosed.shown
+
+
+class StoppedError(Exception):
+    """The search for what is missing was asked for."""
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What the command line would look for, and how."""
+    seen = SimpleNamespace()
+
+    def remembered(model, measurement, table, **settings):
+        seen.model, seen.measurement, seen.table, seen.settings = model, measurement, table, settings
+        raise StoppedError
+
+    monkeypatch.setattr("torchplate.cli.diagnose.find_missing", remembered)
+
+    def ask(path: Path, out: Path) -> SimpleNamespace:
+        with pytest.raises(StoppedError):
+            diagnose(path, out, console=Console(file=StringIO()))
+        return seen
+
+    return ask
+
+
+def test_what_is_known_and_how_well_is_passed_on(bench, make_config, asked):
+    changes = {
+        "effects.plate.thickness": {"value": 0.0031, "std": 2e-5},
+        "effects.wires.stiffness": {"value": 1310.0},
+        "mesh.length_x": {"value": 0.41, "std": 5e-4},
+        "measurement.gain": "unknown",
+        "measurement.n_average": 7,
+        "search.seed": 9,
+    }
+    path = bench.write(make_config(["plate.youngs_modulus"], changes))
+    expected = {"plate.thickness": 2e-5, "mesh.length_x": 5e-4}
+    assert tolerances(load_run(path)) == expected
+    seen = asked(path, bench.folder / "out")
+    settings = {key: seen.settings[key] for key in ("tolerance", "n_average", "gain_is_unknown", "seed")}
+    assert settings == {"tolerance": expected, "n_average": 7, "gain_is_unknown": True, "seed": 9}
+    assert seen.model.names == ("plate.youngs_modulus",)
+    assert seen.model.response is not None
+    assert seen.measurement.frf.shape[1:] == (2, 3)
+    assert seen.table is None
+
+
+def test_a_table_alone_is_passed_on(bench, make_config, asked):
+    table = {"measurement": {"natural_frequencies": {4: 80.0, 5: {"value": 140.0, "std": 0.2}}}}
+    seen = asked(bench.write(make_config(["plate.youngs_modulus"], table)), bench.folder / "out")
+    assert seen.measurement is None
+    assert seen.table.mode.tolist() == [4, 5]
+    assert seen.settings["tolerance"] == {}
+
+
+BAD = {
+    "no measurement": ({"measurement": {}}, ["measurement", "natural_frequencies"]),
+    "FRFs and a table": ({"measurement.natural_frequencies": {4: 80.0}}, ["measurement:", "both", "Take one"]),
+    "unknown effect": ({"effects.wires.effect": "support_sprin"}, ["effects.wires.effect", "'support_spring'?"]),
+    "unknown key": ({"mesh.lenght_x": 0.4}, ["mesh.lenght_x", "Did you mean 'length_x'?"]),
+    "measurement not there": ({"measurement.file": "absent.uff"}, ["measurement.file", "absent.uff"]),
+    "channel that is not there": (
+        {"effects.flip": {"effect": "channel_polarity", "channels": [99]}},
+        ["effects", "flip", "99"],
+    ),
+    "mode beyond the mesh": (
+        {"measurement": {"natural_frequencies": {4: 80.0, 37: 90.0}}},
+        ["measurement.natural_frequencies", "36", "37"],
+    ),
+    "mesh beyond the plate": ({"mesh.extrapolate": "perhaps"}, ["mesh.extrapolate", "perhaps"]),
+}
+
+
+def refused(outcome: tuple[int, str, str], *words: str) -> None:
+    status, _, stderr = outcome
+    assert status == 2
+    assert len(stderr.splitlines()) == 1, stderr
+    for word in words:
+        assert word in stderr
+    assert "Error" not in stderr
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_refused_in_one_sentence(bench, make_config, command, case):
+    changes, words = BAD[case]
+    path = bench.write(make_config(["plate.youngs_modulus"], changes))
+    out = bench.folder / "out"
+    refused(command("diagnose", path, "--out", out), "plate.yaml", *words)
+    assert not out.exists()
+
+
+def test_a_bad_override_a_device_and_a_file_for_a_folder_are_refused(bench, make_config, command):
+    path = bench.write(make_config(["plate.youngs_modulus"]))
+    refused(
+        command("diagnose", path, "--set", "mesh.refin=2", "--out", bench.folder / "out"), "mesh.refin", "'refine'?"
+    )
+    refused(command("diagnose", path, "--device", "abacus", "--out", bench.folder / "out"), "--device abacus")
+    refused(command("diagnose", path, "--out", path), "--out", "plate.yaml", "folder")
+    refused(command("diagnose", bench.folder / "none.yaml"), "none.yaml", "Expected a config file")
+
+
+def test_a_defect_is_not_taken_for_bad_input(bench, make_config, monkeypatch):
+    def broken(*_, **__) -> None:
+        raise ValueError("a defect")
+
+    monkeypatch.setattr("torchplate.diagnosis.road.noise_level", broken)
+    path = bench.write(make_config(["plate.youngs_modulus"]))
+    with pytest.raises(ValueError, match=r"^a defect$"):
+        main(["diagnose", str(path), "--out", str(bench.folder / "out")])

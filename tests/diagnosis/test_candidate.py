@@ -1,0 +1,173 @@
+"""What may be missing follows from the catalogue, and from what the model has already."""
+
+from dataclasses import dataclass
+
+import pytest
+import torch
+
+from torchplate.diagnosis.candidate import Channels, candidates, vector
+from torchplate.diagnosis.workbench import with_candidate
+from torchplate.effects import CATALOGUE, Effect, Parameter
+from torchplate.effects.parameter import Prior, nonnegative
+from torchplate.model import PlateModel, Searched
+from torchplate.plate import Mesh, Proportional
+
+CHANNELS = Channels((3, 17), (7, 9, 15))
+KNOWN = {
+    "plate.youngs_modulus": 2.05e11,
+    "plate.poisson_ratio": 0.29,
+    "plate.density": 7800.0,
+    "plate.thickness": 0.003,
+    "wires.stiffness": 1500.0,
+    "wires.viscous_damping": 0.7,
+    "loss.stiffness_loss_factor": 6e-3,
+}
+LINES = torch.tensor([9.0, 55.0, 120.0, 260.0], dtype=torch.float64)
+# What an effect has beside a strength: it may be anything where the strength is neutral.
+WHERE = ("x", "y", "size")
+
+
+def plate(searched=None, **mesh) -> PlateModel:
+    searched = searched or {}
+    effects = {
+        "plate": CATALOGUE["plate"](),
+        "wires": CATALOGUE["support_spring"](nodes=[2, 10, 19]),
+        "loss": CATALOGUE["hysteretic_damping"](),
+    }
+    known = {key: value for key, value in KNOWN.items() if key not in searched}
+    channels = list(CHANNELS.response), list(CHANNELS.reference)
+    return PlateModel(Mesh(0.43, 0.3, 4, 3, **mesh), effects, known, searched, *channels, "accelerance")
+
+
+def found(model: PlateModel, channels=CHANNELS, without=frozenset()):
+    theta = model.space.to_si(model.known.new_full((len(model.names),), 0.43))
+    return candidates(model, theta, channels, without)
+
+
+def names(every) -> set[str]:
+    return {one.name for one in every}
+
+
+# The plate is what all others change, the mesh is settled before, and a further support follows from what is grounded.
+@pytest.mark.parametrize("name", sorted(set(CATALOGUE) - {"plate", "mesh_discretisation", "support_spring"}))
+def test_every_effect_of_the_catalogue_may_be_missing(name):
+    own = [one for one in found(plate()) if one.name == name]
+    assert own
+    for one in own:
+        assert isinstance(one.effect, CATALOGUE[name])
+        with_prior = {key for key, parameter in one.effect.parameters.items() if parameter.prior is not None}
+        assert one.searched.keys() == with_prior
+        # It fits into the model as it stands.
+        model = with_candidate(plate(), "new", one)
+        assert set(model.names) == {f"new.{key}" for key in with_prior}
+
+
+def test_a_new_effect_may_be_missing_as_soon_as_it_is_defined():
+    assert "rust" not in names(found(plate()))
+    try:
+
+        @dataclass(frozen=True)
+        class Rust(Effect):
+            """Damping that only this test knows."""
+
+            parameters = {
+                "depth": Parameter("1/s", "how deep", nonnegative, neutral=0.0, prior=Prior(0.0, 3.0)),
+                "colour": Parameter("-", "never looked for", neutral=1.0),
+            }
+            acts_on = frozenset({"damping"})
+            shows = "Only this test uses it."
+            source = "none"
+
+            def proportional(self, value):
+                return Proportional(mass_coefficient=value["depth"] * value["colour"])
+
+        (own,) = [one for one in found(plate()) if one.name == "rust"]
+    finally:
+        CATALOGUE.pop("rust", None)
+    assert own.searched == {"depth": Searched(0.0, 3.0)}
+    assert own.neutral == {"depth": 0.0}
+    assert all(0 < trial.values["depth"] <= 3 for trial in (*own.far, *own.near))
+
+
+@pytest.mark.parametrize(
+    ("key", "gone"),
+    [("plate.density", "density"), ("plate.thickness", "thickness"), ("plate.poisson_ratio", "poisson_ratio")],
+)
+def test_what_is_searched_already_is_not_missing(key, gone):
+    model = plate({key: Searched(0.9 * KNOWN[key], 1.1 * KNOWN[key])})
+    assert names(found(plate())) - names(found(model)) == {gone}
+
+
+def test_only_what_is_not_searched_of_an_effect_is_looked_for():
+    (own,) = [
+        one
+        for one in found(plate({"loss.stiffness_loss_factor": Searched(1e-3, 2e-2)}))
+        if one.name == "hysteretic_damping"
+    ]
+    assert own.searched.keys() == {"mass_loss_factor"}
+    stiffness = {"wires.stiffness": Searched(500.0, 3000.0)}
+    for model, n_factor in ((plate(), 3), (plate(stiffness), 2)):
+        (own,) = [one for one in found(model) if one.name == "support_asymmetry"]
+        # Of the common stiffness and all three factors one is too many.
+        assert len(own.searched) == n_factor
+
+
+def test_some_can_be_left_out():
+    without = frozenset({"density", "channel_swap"})
+    assert names(found(plate())) - names(found(plate(), without=without)) == without
+
+
+def test_a_held_edge_has_no_spring():
+    free = {one.options["edge"] for one in found(plate()) if one.name == "edge_spring"}
+    held = plate(edges={"x0": "clamped", "y1": "free"})
+    assert free == {"x0", "x1", "y0", "y1"}
+    assert {one.options["edge"] for one in found(held) if one.name == "edge_spring"} == {"x1", "y0", "y1"}
+
+
+def test_channels_are_those_that_were_measured():
+    every = found(plate())
+    swapped = [one.options["channels"] for one in every if one.name == "channel_swap"]
+    # One pair of responses and three of references.
+    assert len(swapped) == 4
+    assert ((3, None), (17, None)) in swapped
+    flipped = [one.options["channels"] for one in every if one.name == "channel_polarity"]
+    # Each side, and each FRF alone.
+    assert len(flipped) == 2 + 3 + 6
+    assert ((None, 9),) in flipped
+    assert ((17, 15),) in flipped
+    moved = [one.options for one in every if one.name == "sensor_position"]
+    assert [one["response"] for one in moved] == [3, 17]
+    alone = found(plate(), Channels((3,), (7,)))
+    assert not names(alone) & {"channel_swap"}
+
+
+@pytest.mark.parametrize("where", ["near", "far"])
+def test_a_neutral_value_leaves_the_frfs_as_they_are(where):
+    model = plate({"plate.youngs_modulus": Searched(1.8e11, 2.4e11)})
+    theta = torch.tensor([2.01e11], dtype=torch.float64)
+    plain = model.frf(theta, LINES)
+    seen = set()
+    for one in candidates(model, theta, CHANNELS):
+        if not one.searched:
+            continue
+        assert one.searched.keys() - set(WHERE) <= one.neutral.keys(), one.name
+        whole = with_candidate(model, "new", one)
+        trial = getattr(one, where)[len(getattr(one, where)) // 2]
+        for values, same in ((dict(trial.values) | one.neutral, True), (trial.values, False)):
+            own = vector(whole, values, "new")
+            member = torch.where(own.isnan(), theta[0], own)
+            change = float((whole.frf(member, LINES) - plain).norm() / plain.norm())
+            # Elements that differ are summed in another order; a tiny step changes far more than that does.
+            assert (change < 1e-9) if same else (change > 1e-8), (one.name, values, change)
+        seen.add(one.name)
+    assert len(seen) > 15
+
+
+def test_what_has_no_number_is_there_or_not():
+    model = plate()
+    theta = model.known.new_zeros(0)
+    plain = model.frf(theta, LINES)
+    for one in found(model):
+        if not one.searched:
+            changed = with_candidate(model, "new", one).frf(theta, LINES)
+            assert float((changed - plain).norm() / plain.norm()) > 0.1, one.options

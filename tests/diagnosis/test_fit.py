@@ -1,0 +1,136 @@
+"""A fit finds the parameters from afar, and says how well the noise lets them be known."""
+
+import pytest
+import torch
+
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.noise import Noise
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.diagnosis.workbench import Workbench
+from torchplate.effects import CATALOGUE
+from torchplate.model import PlateModel, Searched
+from torchplate.plate import Mesh
+
+RESPONSE, REFERENCE = (3, 17), (7, 9, 14)
+LINES = torch.linspace(10.0, 340.0, 150, dtype=torch.float64)
+TRUTH = {
+    "plate.youngs_modulus": 2.05e11,
+    "wires.stiffness": 1500.0,
+    "loss.stiffness_loss_factor": 8e-3,
+}
+KNOWN = {"plate.poisson_ratio": 0.3, "plate.density": 7850.0, "plate.thickness": 0.003, "wires.viscous_damping": 0.7}
+BOX = {
+    "plate.youngs_modulus": Searched(1.2e11, 2.6e11),
+    "wires.stiffness": Searched(300.0, 6000.0, True),
+    "loss.stiffness_loss_factor": Searched(1e-3, 5e-2, True),
+}
+SHARE = 0.02
+
+
+@pytest.fixture(scope="module")
+def plate() -> PlateModel:
+    effects = {
+        "plate": CATALOGUE["plate"](),
+        "wires": CATALOGUE["support_spring"](nodes=[2, 10, 19]),
+        "loss": CATALOGUE["hysteretic_damping"](),
+    }
+    return PlateModel(Mesh(0.43, 0.3, 4, 3), effects, KNOWN, BOX, list(RESPONSE), list(REFERENCE), "accelerance")
+
+
+@pytest.fixture(scope="module")
+def truth(plate):
+    return torch.tensor([TRUTH[name] for name in plate.names], dtype=torch.float64)
+
+
+def measured(lab, frf, seed) -> FrfTarget:
+    std = lab.true_std(frf, SHARE, "signal")
+    heldout = torch.zeros(2, 3, dtype=torch.bool)
+    heldout[1, 1] = True
+    noise = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std))
+    return FrfTarget(lab.measured(LINES, frf + lab.noise_of(std, seed), RESPONSE, REFERENCE), noise, heldout)
+
+
+@pytest.fixture(scope="module")
+def bench(lab, plate, truth) -> Workbench:
+    """The mesh of the data is that of the model: what is left is noise alone."""
+    with torch.no_grad():
+        return Workbench(plate, measured(lab, plate.frf(truth, LINES), 0), as_given=True)
+
+
+@pytest.fixture(scope="module")
+def found(bench):
+    """From both far corners of the box."""
+    ends = torch.tensor([[0.03, 0.95, 0.95], [0.97, 0.05, 0.1]], dtype=torch.float64)
+    return [fit(bench, bench.given, end[None]) for end in ends]
+
+
+def test_the_truth_is_found_from_far_starts(found, plate, truth):
+    for one in found:
+        std = one.covariance.diagonal().sqrt()
+        # Three parameters: 4 standard errors are passed once in five thousand times.
+        assert bool(((one.theta - truth).abs() < 4 * std).all())
+        assert bool((std < 0.03 * truth).all())
+        assert one.reduced_misfit == pytest.approx(1.0, abs=0.12)
+        assert one.model.names == plate.names
+    # They end at the same place.
+    assert torch.allclose(found[0].theta, found[1].theta, rtol=1e-3)
+
+
+def test_the_basis_at_the_end_says_what_the_full_model_says(found, plate, relative_error_of):
+    for one in found:
+        assert one.reduced.assembly.size < plate.assembly.size
+        assert relative_error_of(one.prediction, plate.frf(one.theta, LINES)) < 1e-3
+
+
+@pytest.fixture
+def relative_error_of():
+    return lambda one, other: float(((one - other).norm(dim=0) / other.norm(dim=0)).max())
+
+
+def test_noise_scatters_the_parameters_as_the_covariance_says(lab, plate, truth, found):
+    with torch.no_grad():
+        frf = plate.frf(truth, LINES)
+        start = plate.space.to_cube(truth)[None]
+        bench = Workbench(plate, measured(lab, frf, 1), as_given=True)
+        ends = []
+        for seed in range(40):
+            bench.target = measured(lab, frf, 100 + seed)
+            ends.append(fit(bench, bench.given, start, wide=False).theta)
+    scatter = torch.stack(ends)
+    std = found[0].covariance.diagonal().sqrt()
+    # The standard deviation of 40 draws is good to 11 %.
+    assert (scatter.std(0) / std).tolist() == pytest.approx([1.0] * 3, abs=0.4)
+    # And they scatter about the truth.
+    assert bool(((scatter.mean(0) - truth).abs() < 4 * std / 40**0.5).all())
+    told = torch.corrcoef(scatter.mT)
+    claimed = found[0].covariance / std[:, None] / std
+    assert torch.allclose(told, claimed, atol=0.5)
+
+
+def test_what_is_known_beforehand_pulls_as_it_weighs(bench, plate, truth, found):
+    name = "plate.youngs_modulus"
+    index = plate.names.index(name)
+    free = found[0]
+    own = float(free.covariance[index, index].sqrt())
+    ends = {}
+    for weight in (0.02, 1.0, 50.0):
+        # The other way by six standard errors, known `weight` times as well.
+        mean, std = float(free.theta[index]) + 6 * own, own / weight
+        pulled = fit(bench, bench.given, plate.space.to_cube(free.theta)[None], {name: (mean, std)}, wide=False)
+        ends[weight] = (float(pulled.theta[index]) - float(free.theta[index])) / own
+        assert pulled.prior == pytest.approx(((float(pulled.theta[index]) - mean) / std) ** 2, rel=1e-6, abs=1e-9)
+        assert pulled.cost == pytest.approx(float(pulled.misfit.fitted + pulled.misfit.heldout) + pulled.prior)
+    # Two normal distributions multiplied: 6 w² / (1 + w²).
+    assert ends[0.02] == pytest.approx(0.0, abs=0.1)
+    assert ends[1.0] == pytest.approx(3.0, abs=0.3)
+    assert ends[50.0] == pytest.approx(6.0, abs=0.2)
+
+
+def test_without_parameters_there_is_nothing_to_fit(lab, plate, truth):
+    model = PlateModel(plate.mesh, plate.effects, KNOWN | TRUTH, {}, plate.response, plate.reference, plate.kind)
+    with torch.no_grad():
+        bench = Workbench(model, measured(lab, plate.frf(truth, LINES), 3), as_given=True)
+        seen = fit(bench, bench.given, torch.zeros(1, 0, dtype=torch.float64))
+    assert seen.theta.shape == (0,)
+    assert seen.covariance.shape == (0, 0)
+    assert seen.reduced_misfit == pytest.approx(1.0, abs=0.12)

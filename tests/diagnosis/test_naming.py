@@ -1,0 +1,112 @@
+"""The name goes to the least cost, and what is as good stands beside it."""
+
+import math
+
+import pytest
+import torch
+
+from torchplate.diagnosis.candidate import Candidate
+from torchplate.diagnosis.fit import Fit
+from torchplate.diagnosis.naming import EQUIVALENT, Hypothesis, choose, confidence, is_needed
+from torchplate.diagnosis.target import Misfit
+from torchplate.effects import CATALOGUE
+from torchplate.model import Searched
+
+N_FITTED, N_HELDOUT = 1600, 400
+
+
+def fitted(square: float, heldout: float | None = None, prior: float = 0.0) -> Fit:
+    """A fit that leaves so much, a fifth of it in held-out FRFs unless told otherwise."""
+    held = square / 5 if heldout is None else heldout
+    parts = torch.tensor([square - held, held], dtype=torch.float64)
+    n_heldout = 0.0 if heldout == 0 else float(N_HELDOUT)
+    misfit = Misfit(parts[0], parts[1], float(N_FITTED), n_heldout)
+    none = torch.zeros(0, dtype=torch.float64)
+    return Fit(None, None, none, torch.zeros(0, 0), none, misfit, prior)  # type: ignore[arg-type]
+
+
+def hypothesis(name: str, square: float, n_parameter: int = 1, **fit) -> Hypothesis:
+    options = {"channels": [[3, None]]} if "channel" in name else {}
+    searched = {f"p{index}": Searched(0.0, 1.0) for index in range(n_parameter)}
+    return Hypothesis(Candidate(CATALOGUE[name](**options), options, searched, {}), f"{name}_1", fitted(square, **fit))
+
+
+def test_what_leaves_least_is_named():
+    found = choose([hypothesis("thickness", 9000.0), hypothesis("density", 2000.0), hypothesis("time_delay", 5000.0)])
+    assert found.best.name == "density"
+    assert found.equivalent == ()
+    assert found.next_best is not None
+    assert found.next_best.name == "time_delay"
+    assert found.margin == pytest.approx(3000.0)
+
+
+def test_twins_within_the_threshold_stand_beside_it_and_others_do_not():
+    best = hypothesis("density", 2000.0)
+    inside, outside = (
+        hypothesis(name, 2000.0 + part * EQUIVALENT) for name, part in (("thickness", 0.98), ("sensor_gain", 1.02))
+    )
+    for order in ([best, inside, outside], [outside, inside, best]):
+        found = choose(order)
+        assert (found.best.name, found.equivalent) == ("density", ("thickness",))
+        assert found.next_best is not None
+        assert found.next_best.name == "sensor_gain"
+        assert found.margin == pytest.approx(1.02 * EQUIVALENT)
+
+
+def test_what_leaves_much_knows_less_of_what_is_small():
+    # Four times the noise is left: differences count a quarter.
+    square = 4.0 * (N_FITTED + N_HELDOUT)
+    found = choose([hypothesis("density", square), hypothesis("thickness", square + 3.9 * EQUIVALENT)])
+    assert found.equivalent == ("thickness",)
+    found = choose([hypothesis("density", square), hypothesis("thickness", square + 4.1 * EQUIVALENT)])
+    assert found.equivalent == ()
+
+
+def test_more_parameters_must_pay_for_themselves():
+    few, many = hypothesis("ground_spring", 2000.0, 3), hypothesis("stiffness_loss", 1999.0, 4)
+    assert choose([many, few]).best.name == "ground_spring"
+    much_better = hypothesis("stiffness_loss", 1900.0, 4)
+    assert choose([much_better, few]).best.name == "stiffness_loss"
+    # A choice among channels is one too.
+    assert hypothesis("channel_polarity", 2000.0, 0).cost > 2000.0
+
+
+def test_a_broken_tolerance_and_held_out_residuals_speak_against_it():
+    honest = hypothesis("density", 2050.0)
+    assert choose([honest, hypothesis("thickness", 2000.0, prior=400.0)]).best.name == "density"
+    assert choose([honest, hypothesis("thickness", 2000.0 + 300.0, heldout=700.0)]).best.name == "density"
+
+
+def test_another_option_of_the_same_effect_is_no_rival():
+    found = choose([hypothesis("channel_polarity", 2000.0, 0), hypothesis("channel_polarity", 2001.0, 0)])
+    assert (found.equivalent, found.next_best, found.margin) == ((), None, math.inf)
+    assert 0.9 < found.confidence < 1
+
+
+def test_confidence_grows_with_the_margin_and_falls_with_what_is_left():
+    margins = [EQUIVALENT, 2 * EQUIVALENT, 5 * EQUIVALENT, 20 * EQUIVALENT, math.inf]
+    sure = [confidence(margin, 1.0) for margin in margins]
+    assert sure == sorted(sure)
+    assert sure[0] < 0.7 < 0.95 < sure[-1] < 1
+    left = [confidence(math.inf, misfit) for misfit in (1.0, 3.0, 30.0, 3000.0)]
+    assert left == sorted(left, reverse=True)
+    assert left[-1] < 0.3
+
+
+def test_an_effect_is_needed_where_it_takes_much_of_all_there_is():
+    before = fitted(20000.0)
+    assert is_needed(before, hypothesis("density", 2000.0))
+    # A hair, or a part that noise or a mesh may take as well.
+    assert not is_needed(before, hypothesis("density", 19990.0))
+    assert not is_needed(before, hypothesis("density", 19900.0))
+    # Down at the noise, what falls must be more than a few parameters take of it.
+    assert not is_needed(fitted(2000.0), hypothesis("stiffness_loss", 1985.0, 4))
+    assert is_needed(fitted(2600.0), hypothesis("density", 2000.0))
+
+
+def test_an_effect_that_held_out_frfs_do_not_want_is_not_needed():
+    before = fitted(20000.0, heldout=4000.0)
+    assert not is_needed(before, hypothesis("density", 6000.0, heldout=4100.0))
+    assert is_needed(before, hypothesis("density", 6000.0, heldout=3900.0))
+    # Where nothing is held out, nothing can object.
+    assert is_needed(fitted(20000.0, heldout=0), hypothesis("density", 6000.0, heldout=0))

@@ -1,0 +1,319 @@
+"""From a model and a measurement to what is missing, end to end; the data come from a much finer mesh."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+import torchplate as tp
+from torchplate.effects import CATALOGUE, Effect, Parameter
+from torchplate.measurement import NaturalFrequencies
+from torchplate.model import PlateModel, Searched, extrapolate
+from torchplate.plate import Mesh
+
+RESPONSE, REFERENCE = (3, 17), (7, 9, 14)
+LINES = torch.linspace(20.0, 330.0, 140, dtype=torch.float64)
+KNOWN = {
+    "plate.youngs_modulus": 2.05e11,
+    "plate.poisson_ratio": 0.3,
+    "plate.density": 7850.0,
+    "plate.thickness": 0.003,
+    "wires.stiffness": 1500.0,
+    "wires.viscous_damping": 0.7,
+    "loss.stiffness_loss_factor": 1e-2,
+}
+YOUNG = {"plate.youngs_modulus": Searched(1.7e11, 2.4e11)}
+LOSS = {"loss.stiffness_loss_factor": Searched(2e-3, 3e-2, True)}
+SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Ripple(Effect):
+    """A chain whose gain goes up and down along the frequency axis, as a filter or a second path makes it."""
+
+    parameters = {"depth": Parameter("-", "amplitude", neutral=0.0)}
+    acts_on = frozenset({"sensor chain"})
+    shows = "Only this test uses it."
+    source = "none"
+
+    def observe(self, mesh, chain, value, geometry):  # noqa: ARG002  # the words of an effect
+        wave = (chain.laplace.imag / (2 * math.pi) / 9.0).sin() + 0.7j * (chain.laplace.imag / 50.0).cos()
+        return chain._replace(factor=chain.factor * (1 + value["depth"][..., None] * wave)[..., None, None])
+
+
+# The catalogue is what users see, and what is looked for.
+del CATALOGUE["ripple"]
+
+
+def plate(
+    searched: Mapping[str, Searched] | None = None,
+    hidden: Sequence[tuple[Effect, Mapping[str, float]]] = (),
+    response: Sequence[int] = RESPONSE,
+    reference: Sequence[int] = REFERENCE,
+    refine: int = 1,
+) -> PlateModel:
+    searched = searched or {}
+    effects: dict[str, Effect] = {
+        "plate": CATALOGUE["plate"](),
+        "wires": CATALOGUE["support_spring"](nodes=[2, 10, 19]),
+        "loss": CATALOGUE["hysteretic_damping"](),
+    }
+    known = {key: value for key, value in KNOWN.items() if key not in searched}
+    for index, (effect, values) in enumerate(hidden):
+        effects[f"hidden_{index}"] = effect
+        known |= {f"hidden_{index}.{key}": value for key, value in values.items()}
+    mesh = Mesh(0.43, 0.3, 4, 3, refine)
+    return PlateModel(mesh, effects, known, searched, list(response), list(reference), "accelerance")
+
+
+def hide(name: str, options: Mapping[str, object] | None = None, **values: float):
+    return CATALOGUE[name](**(options or {})), values
+
+
+MASS = hide("point_mass", x=0.72, y=0.31, mass=0.06)
+FLIPPED = hide("channel_polarity", {"channels": [[None, 9]]})
+CASES = {
+    "nothing": ((), YOUNG | LOSS, {}),
+    "mass": ((MASS,), YOUNG | LOSS, {}),
+    "flipped": ((FLIPPED,), YOUNG, {}),
+    "twins": ((hide("density", value=7300.0),), YOUNG | LOSS, {}),
+    "two": ((MASS, FLIPPED), YOUNG, {}),
+    "beyond": (((Ripple(), {"depth": 0.3}),), YOUNG | LOSS, {}),
+    "alone": ((hide("sensor_gain", gain=1.4),), YOUNG, {"response": (3,), "reference": (7,)}),
+}
+
+
+@pytest.fixture(scope="module")
+def diagnosed(lab):
+    """Each case is diagnosed once, where it is first asked for."""
+    done: dict[str, SimpleNamespace] = {}
+
+    def get(name: str) -> SimpleNamespace:
+        if name not in done:
+            hidden, searched, channels = CASES[name]
+            true = plate(hidden=hidden, refine=4, **channels)
+            frf = extrapolate(true, float(LINES[-1])).model.frf(lab.nobody, LINES)
+            std = lab.true_std(frf, SHARE, "mixed")
+            where = channels.get("response", RESPONSE), channels.get("reference", REFERENCE)
+            measured = lab.measured(LINES, frf + lab.noise_of(std, 11), *where)
+            model = plate(searched, **channels)
+            said: list[str] = []
+            found = tp.diagnose(model, measured, say=said.append)
+            done[name] = SimpleNamespace(found=found, measured=measured, model=model, said=said)
+        return done[name]
+
+    return get
+
+
+def others(found: tp.Diagnosis):
+    """What was named beside a finer mesh."""
+    return [one for one in found.effects if one.name != "mesh_discretisation"]
+
+
+def value(one, name: str) -> float:
+    return one.parameters[name].value
+
+
+@pytest.fixture(params=CASES)
+def case(request, diagnosed) -> SimpleNamespace:
+    return diagnosed(request.param)
+
+
+def test_where_nothing_is_hidden_nothing_is_named(diagnosed):
+    found = diagnosed("nothing").found
+    assert found.verdict == "consistent"
+    assert others(found) == []
+    assert found.missing == ()
+    assert found.gap.final == pytest.approx(found.gap.noise_floor, rel=0.1)
+    young, loss = (found.parameters[name] for name in (*YOUNG, *LOSS))
+    assert young.value == pytest.approx(KNOWN["plate.youngs_modulus"], rel=1e-3)
+    assert loss.value == pytest.approx(KNOWN["loss.stiffness_loss_factor"], rel=0.02)
+
+
+def test_a_mesh_that_is_too_coarse_is_said_and_mended(diagnosed):
+    """Four by three elements for eight modes: the model's own missing effect."""
+    for name in ("nothing", "mass"):
+        found = diagnosed(name).found
+        first = found.effects[0]
+        assert first.name == "mesh_discretisation"
+        assert first.gap_after < first.gap_before
+        assert found.steps[1].label == "+ mesh_discretisation"
+
+
+def test_a_mass_is_found_at_its_place(diagnosed):
+    found = diagnosed("mass").found
+    assert found.verdict == "explained"
+    (one,) = others(found)
+    assert (one.name, one.equivalent) == ("point_mass", ())
+    assert (value(one, "x"), value(one, "y")) == pytest.approx((0.72, 0.31), abs=0.02)
+    assert value(one, "mass") == pytest.approx(0.06, rel=0.03)
+    assert one.confidence > 0.8
+    for name, true in (("x", 0.72), ("y", 0.31), ("mass", 0.06)):
+        told = one.parameters[name]
+        # Five standard errors, and something for what the mesh leaves.
+        assert told.std is not None
+        assert abs(told.value - true) < 5 * told.std + 0.005 * true
+    assert found.gap.final == pytest.approx(found.gap.noise_floor, rel=0.1)
+    assert found.gap.heldout_final == pytest.approx(found.gap.noise_floor, rel=0.25)
+    assert found.parameters["plate.youngs_modulus"].value == pytest.approx(2.05e11, rel=2e-3)
+
+
+def test_a_flipped_channel_is_found(diagnosed):
+    found = diagnosed("flipped").found
+    assert found.verdict == "explained"
+    (one,) = others(found)
+    assert one.name == "channel_polarity"
+    assert one.options == {"channels": [[None, 9]]}
+    assert one.parameters == {}
+    # Where that channel sits stands first in the location, too.
+    worst = found.location.channels[:2]
+    assert all(row.reference.startswith("9") for row in worst)
+
+
+def test_twins_are_named_as_a_set(diagnosed):
+    """Where Young's modulus is searched, a density, a thickness and a gain show alike."""
+    found = diagnosed("twins").found
+    assert found.verdict == "explained"
+    (one,) = others(found)
+    together = {one.name, *one.equivalent}
+    assert {"density", "thickness", "sensor_gain"} <= together
+    assert not together & {"point_mass", "time_delay", "channel_polarity", "orthotropy", "aspect_ratio"}
+    assert "weigh" in found.next_measurements[0]
+    assert all(name in one.evidence for name in one.equivalent)
+
+
+def test_two_effects_are_found(diagnosed):
+    found = diagnosed("two").found
+    assert found.verdict == "explained"
+    named = {one.name: one for one in others(found)}
+    assert set(named) == {"point_mass", "channel_polarity"}
+    mass = named["point_mass"]
+    assert (value(mass, "x"), value(mass, "y")) == pytest.approx((0.72, 0.31), abs=0.03)
+    assert value(mass, "mass") == pytest.approx(0.06, rel=0.05)
+    assert named["channel_polarity"].options == {"channels": [[None, 9]]}
+
+
+def test_what_the_catalogue_does_not_hold_is_said_to_be_missing(diagnosed):
+    found = diagnosed("beyond").found
+    assert found.verdict in ("unexplained", "partly_explained")
+    assert bool(others(found)) == (found.verdict == "partly_explained")
+    assert len(found.missing) >= 2
+    assert all(sentence.endswith(".") for sentence in found.missing)
+    assert "noise" in found.missing[0]
+    assert found.gap.final > 3 * found.gap.noise_floor
+    assert any("twice as hard" in sentence for sentence in found.next_measurements)
+
+
+def test_a_single_frf_is_enough_for_a_gain(diagnosed):
+    found = diagnosed("alone").found
+    assert found.verdict == "explained"
+    (one,) = others(found)
+    assert "sensor_gain" in {one.name, *one.equivalent}
+    assert found.gap.heldout_baseline is None
+    assert found.gap.heldout_final is None
+    assert all(step.heldout is None for step in found.steps)
+
+
+def test_the_ledger_agrees_with_itself(case):
+    found, measured = case.found, case.measured
+    gap, steps = found.gap, found.steps
+    assert (steps[0].label, steps[0].gap) == ("baseline", gap.baseline)
+    assert (steps[-1].gap, steps[-1].heldout) == (gap.final, gap.heldout_final)
+    assert gap.noise_floor == pytest.approx(SHARE, rel=0.25)
+    assert gap.final <= gap.baseline
+    labels = [step.label.removeprefix("+ ") for step in steps if step.label.startswith("+")]
+    assert set(labels) >= {one.name for one in found.effects}
+    for one in found.effects:
+        assert one.gap_after <= one.gap_before
+        assert 0 < one.confidence < 1
+        assert one.evidence.endswith(".")
+        assert one.name not in one.equivalent
+        for told in one.parameters.values():
+            assert math.isfinite(told.value)
+    # What is drawn is what was measured, and gives the same gaps.
+    seen = found.overlay
+    assert seen is not None
+    assert torch.equal(seen.measured.frf, measured.frf)
+    for after, heldout, expected in (
+        (seen.before, ~seen.heldout, gap.baseline),
+        (seen.after, ~seen.heldout, gap.final),
+        (seen.after, seen.heldout, gap.heldout_final),
+    ):
+        each = (after - measured.frf).norm(dim=0) / measured.frf.norm(dim=0)
+        if expected is not None:
+            assert float(each[heldout].mean()) == pytest.approx(expected, rel=1e-9)
+    # The model that is handed over is the one that was fitted, in numbers.
+    assert found.model.names == ()
+    assert torch.allclose(
+        found.model.frf(found.model.known[:0], LINES), seen.after, rtol=2e-3, atol=float(2e-3 * seen.after.abs().max())
+    )
+    text = json.dumps(found.to_dict(), allow_nan=True)
+    assert "nan" not in text.lower().replace("resonan", "")
+
+
+def test_the_given_model_is_left_alone(case):
+    fresh = plate(CASES["nothing"][1], response=case.model.response, reference=case.model.reference)
+    assert "mesh_discretisation" not in {effect.name for effect in case.model.effects.values()}
+    assert case.model.mesh == fresh.mesh
+    assert case.model.assembly.size == fresh.assembly.size
+    assert case.said[0].startswith("baseline")
+
+
+def test_the_table_names_every_effect_once_and_says_what_became_of_it(diagnosed):
+    found = diagnosed("mass").found
+    table = found.scores[0]
+    names = [row.name for row in table]
+    assert len(set(names)) == len(names)
+    assert set(names) == set(CATALOGUE) - {"plate", "support_spring", "mesh_discretisation"}
+    remarks = {row.name: row.remark for row in table}
+    assert remarks.pop("point_mass") == "named"
+    assert all(remark.startswith("rejected") for remark in remarks.values())
+
+
+class TestTable:
+    """Natural frequencies alone."""
+
+    @pytest.fixture(scope="class")
+    def frequencies(self, lab):
+        def measured(*hidden):
+            true = extrapolate(plate(hidden=hidden, refine=4), 400.0).model
+            every = true.natural_frequencies(lab.nobody, 14).tolist()
+            generator = torch.Generator().manual_seed(3)
+            noise = (1 + 5e-4 * torch.randn(14, generator=generator)).tolist()
+            std = {mode: 5e-4 * every[mode - 1] for mode in range(4, 15)}
+            return NaturalFrequencies.from_mapping({mode: every[mode - 1] * noise[mode - 1] for mode in std}, std)
+
+        return measured
+
+    def test_the_true_plate_is_consistent(self, frequencies):
+        found = tp.diagnose(plate(YOUNG), natural_frequencies=frequencies())
+        assert found.verdict == "consistent"
+        assert others(found) == []
+        assert found.overlay is None
+        assert found.gap.heldout_final is None
+        assert found.parameters["plate.youngs_modulus"].value == pytest.approx(2.05e11, rel=2e-3)
+
+    def test_an_oblong_plate_is_found(self, frequencies):
+        found = tp.diagnose(plate(YOUNG), natural_frequencies=frequencies(hide("aspect_ratio", ratio=1.05)))
+        one = others(found)[0]
+        assert "aspect_ratio" in {one.name, *one.equivalent}
+        assert found.gap.final < 0.2 * found.gap.baseline
+        json.dumps(found.to_dict(), allow_nan=False)
+
+
+def test_either_frfs_or_a_table_are_needed(lab):
+    table = NaturalFrequencies.from_mapping({4: 80.0})
+    measured = lab.measured(LINES, torch.ones(len(LINES), 2, 3, dtype=torch.complex128), RESPONSE, REFERENCE)
+    for given in ({}, {"measurement": measured, "natural_frequencies": table}):
+        with pytest.raises(ValueError, match=r"either FRFs or natural frequencies.*Give one"):
+            tp.diagnose(plate(YOUNG), **given)
+
+
+def test_a_tolerance_of_a_number_that_is_not_there_is_said(lab):
+    measured = lab.measured(LINES, torch.ones(len(LINES), 2, 3, dtype=torch.complex128), RESPONSE, REFERENCE)
+    with pytest.raises(ValueError, match=r"'plate\.densty'"):
+        tp.diagnose(plate(YOUNG), measured, tolerance={"plate.densty": 1.0})

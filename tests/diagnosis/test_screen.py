@@ -1,0 +1,142 @@
+"""The score test names what is hidden before anything is refitted, and sees what no refit could part."""
+
+import pytest
+import torch
+
+from torchplate.diagnosis.candidate import Channels, candidates
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.screen import screen, twins
+from torchplate.diagnosis.noise import Noise
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.diagnosis.workbench import Workbench
+from torchplate.effects import CATALOGUE
+from torchplate.model import PlateModel, Searched
+from torchplate.plate import Mesh
+
+RESPONSE, REFERENCE = (3, 17), (7, 9, 14)
+LINES = torch.linspace(10.0, 340.0, 130, dtype=torch.float64)
+KNOWN = {
+    "plate.youngs_modulus": 2.05e11,
+    "plate.poisson_ratio": 0.3,
+    "plate.density": 7850.0,
+    "plate.thickness": 0.003,
+    "wires.stiffness": 1500.0,
+    "wires.viscous_damping": 0.7,
+    "loss.stiffness_loss_factor": 8e-3,
+}
+BOX = {
+    "plate.youngs_modulus": Searched(1.7e11, 2.4e11),
+    "wires.stiffness": Searched(500.0, 4000.0),
+    "wires.viscous_damping": Searched(0.1, 3.0),
+    "loss.stiffness_loss_factor": Searched(2e-3, 3e-2, True),
+}
+SPOT = (0.28, 0.66)
+MASS = 0.004  # of 3 kg
+
+
+def plate(searched=None, hidden=None) -> PlateModel:
+    searched = searched or {}
+    effects = {
+        "plate": CATALOGUE["plate"](),
+        "wires": CATALOGUE["support_spring"](nodes=[2, 10, 19]),
+        "loss": CATALOGUE["hysteretic_damping"](),
+    }
+    known = {key: value for key, value in KNOWN.items() if key not in searched}
+    if hidden is not None:
+        name, values = hidden
+        effects["hidden"] = CATALOGUE[name]()
+        known |= {f"hidden.{key}": value for key, value in values.items()}
+    channels = list(RESPONSE), list(REFERENCE)
+    return PlateModel(Mesh(0.43, 0.3, 6, 4), effects, known, searched, *channels, "accelerance")
+
+
+def scored(lab, hidden, near, searched=("plate.youngs_modulus", "loss.stiffness_loss_factor")):
+    """The table for a plate in which something is hidden, from the baseline's fit."""
+    model = plate({name: BOX[name] for name in searched})
+    with torch.no_grad():
+        frf = plate(hidden=hidden).frf(lab.nobody, LINES)
+        std = lab.true_std(frf, 0.005, "mixed")
+        measured = lab.measured(LINES, frf + lab.noise_of(std, 8), RESPONSE, REFERENCE)
+        bench = Workbench(
+            model,
+            FrfTarget(
+                measured,
+                Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std)),
+                torch.zeros(2, 3, dtype=torch.bool),
+            ),
+            as_given=True,
+        )
+        begin = torch.tensor([KNOWN[name] for name in model.names], dtype=torch.float64)
+        found = fit(bench, bench.given, model.space.to_cube(begin)[None], wide=False)
+        base = bench.reduced(found.model, found.theta[None], by_element=True)
+        everyone = candidates(base, found.theta, Channels(RESPONSE, REFERENCE))
+        return screen(bench, base, found.theta, everyone, {}, near=near)
+
+
+@pytest.fixture(scope="module")
+def table(lab):
+    return scored(lab, ("point_mass", {"x": SPOT[0], "y": SPOT[1], "mass": MASS}), near=True)
+
+
+def test_a_small_mass_comes_first_with_its_place_and_size(table):
+    first = table[0]
+    assert first.candidate.name == "point_mass"
+    assert (first.values["x"], first.values["y"]) == pytest.approx(SPOT, abs=0.1)
+    # Deflections change by a third over a tenth of the plate.
+    assert MASS / 2 < first.values["mass"] < 2 * MASS
+    assert first.drop > 0.5
+    others = [one for one in table if one.candidate.name != "point_mass"]
+    assert others[0].drop < 0.8 * first.drop
+
+
+def test_everything_that_may_be_missing_has_a_score_between_nothing_and_all(table):
+    assert [one.drop for one in table] == sorted((one.drop for one in table), reverse=True)
+    assert all(one.drop <= 1 + 1e-9 for one in table)
+    # What has a size may take the size at which it does no harm.
+    assert all(one.drop > -1e-6 for one in table if one.candidate.searched)
+    for one in table:
+        assert one.starts.shape[-1] == len(one.model.names)
+        assert bool(((one.starts > 0) & (one.starts < 1)).all())
+        assert float(one.signature.norm()) == pytest.approx(1.0)
+
+
+def test_starts_of_one_candidate_lie_apart(table):
+    first = table[0]
+    x, y = (first.model.names.index(f"{first.label}.{axis}") for axis in "xy")
+    assert len(first.starts) > 1
+    for a in range(len(first.starts)):
+        for b in range(a):
+            away = first.starts[a, [x, y]] - first.starts[b, [x, y]]
+            assert float(away.norm()) > 0.15
+
+
+@pytest.mark.parametrize("gain", [0.96, 1.05])
+def test_the_sign_of_a_change_is_found(lab, gain):
+    found = scored(lab, ("sensor_gain", {"gain": gain}), near=True)
+    (own,) = [one for one in found if one.candidate.name == "sensor_gain"]
+    assert own.drop > 0.9 * found[0].drop
+    # One multiple of a tangent: what is left is of second order.
+    assert own.values["gain"] == pytest.approx(gain, abs=0.006)
+
+
+def test_where_peaks_do_not_overlap_a_large_mass_still_comes_first(lab):
+    found = scored(lab, ("point_mass", {"x": SPOT[0], "y": SPOT[1], "mass": 0.15}), near=False)
+    names = list(dict.fromkeys(one.candidate.name for one in found))
+    assert "point_mass" in names[:3]
+    own = next(one for one in found if one.candidate.name == "point_mass")
+    assert (own.values["x"], own.values["y"]) == pytest.approx(SPOT, abs=0.2)
+
+
+def test_what_no_refit_could_part_is_parallel(lab):
+    """Density and thickness change frequencies and level; the modulus and the wires take back all but the level."""
+    searched = ("plate.youngs_modulus", "wires.stiffness", "wires.viscous_damping", "loss.stiffness_loss_factor")
+    found = scored(lab, ("density", {"value": 7500.0}), True, searched)
+    alike = dict(zip((one.candidate.name for one in found), twins(found), strict=True))
+    together = {"density", "thickness", "sensor_gain"}
+    for name in together:
+        assert together - {name} <= set(alike[name]), alike[name]
+    assert {found[0].candidate.name} <= together
+    # Where the modulus is known, frequencies part them.
+    found = scored(lab, ("density", {"value": 7750.0}), True, ("loss.stiffness_loss_factor",))
+    alike = dict(zip((one.candidate.name for one in found), twins(found), strict=True))
+    assert "sensor_gain" not in alike["density"]

@@ -1,0 +1,78 @@
+"""What is said at the end follows from what was found."""
+
+import pytest
+import torch
+
+from torchplate.diagnosis.fit import Fit
+from torchplate.diagnosis.naming import Choice, Hypothesis
+from torchplate.diagnosis.noise import noise_level
+from torchplate.diagnosis.road import Naming, State
+from torchplate.diagnosis.summary import _missing, _on_symmetry, _remarks, _verdict
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.diagnosis.workbench import Workbench
+from torchplate.effects import CATALOGUE
+from torchplate.model import PlateModel, Searched
+from torchplate.plate import Mesh
+
+LINES = torch.linspace(20.0, 330.0, 90, dtype=torch.float64)
+
+
+def plate(response=(3, 17), reference=(7, 9)) -> PlateModel:
+    known = {"plate.poisson_ratio": 0.3, "plate.density": 7850.0, "plate.thickness": 0.003}
+    effects = {"plate": CATALOGUE["plate"](), "loss": CATALOGUE["hysteretic_damping"]()}
+    searched = {"plate.youngs_modulus": Searched(1.5e11, 2.5e11)}
+    known["loss.stiffness_loss_factor"] = 0.01
+    channels = list(response), list(reference)
+    return PlateModel(Mesh(0.43, 0.3, 4, 4), effects, known, searched, *channels, "accelerance")
+
+
+class Ended:
+    """A fit that is off by a part of what was measured, with a noise of a hundredth."""
+
+    def __init__(self, lab, off: float = 0.0, young: float = 2.05e11, n_named: int = 0):
+        model, theta = plate(), torch.tensor([young], dtype=torch.float64)
+        frf = model.frf(theta, LINES)
+        std = lab.true_std(frf, 0.01, "signal")
+        measured = lab.measured(LINES, frf + lab.noise_of(std, 4), (3, 17), (7, 9))
+        self.noise = noise_level(measured)
+        target = FrfTarget(measured, self.noise, torch.zeros(2, 2, dtype=torch.bool))
+        self.bench = Workbench(model, target, as_given=True)
+        prediction = frf * (1 + off)
+        fit = Fit(
+            model, model, theta, torch.ones(1, 1, dtype=torch.float64), prediction, target.misfit(prediction), 0.0
+        )
+        one = Hypothesis(None, "one", fit)  # type: ignore[arg-type]
+        self.state = State(model, fit, (Naming(one, Choice(one, (), None, 1.0, 0.9), fit),) * n_named)
+
+
+@pytest.mark.parametrize(
+    ("off", "n_named", "expected"),
+    [(0.0, 0, "consistent"), (0.0, 1, "explained"), (0.2, 0, "unexplained"), (0.2, 2, "partly_explained")],
+)
+def test_the_verdict_follows_from_what_is_left(lab, off, n_named, expected):
+    ended = Ended(lab, off, n_named=n_named)
+    assert _verdict(ended.bench, ended.noise, ended.state) == expected
+    said = _missing(ended.bench, ended.noise, ended.state, expected)
+    if off:
+        # The gap, and how many times the noise that is.
+        assert "20" in said[0]
+        assert "times what noise explains" in said[0]
+        assert len(said) > 1
+    else:
+        assert said == ()
+
+
+def test_a_parameter_on_the_edge_of_its_interval_is_said(lab):
+    for young, said in ((2.4999e11, True), (1.50001e11, True), (2.05e11, False)):
+        ended = Ended(lab, young=young)
+        sentences = _remarks(ended.noise, ended.state)
+        assert sentences[: len(ended.noise.sentences)] == tuple(ended.noise.sentences)
+        assert any("plate.youngs_modulus sits on the edge" in one for one in sentences) == said
+
+
+def test_sensors_on_a_line_of_symmetry_are_seen():
+    # Nodes 11 to 15 lie on y = 1/2; 3, 8, 13, 18 and 23 on x = 1/2.
+    assert not _on_symmetry(plate())
+    assert _on_symmetry(plate((3, 18), (7, 22)))
+    assert _on_symmetry(plate((1, 7), (11, 14)))
+    assert not _on_symmetry(plate((3, 11), (13, 22)))
