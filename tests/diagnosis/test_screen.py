@@ -5,8 +5,8 @@ import torch
 
 from torchplate.diagnosis.candidate import Channels, candidates
 from torchplate.diagnosis.fit import fit
-from torchplate.diagnosis.screen import screen, twins
 from torchplate.diagnosis.noise import Noise
+from torchplate.diagnosis.screen import screen, twins
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.workbench import Workbench
 from torchplate.effects import CATALOGUE

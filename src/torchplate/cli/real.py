@@ -241,7 +241,7 @@ def show(found: Sequence[Found], console: Console) -> None:
             or "nothing",
             f"{100 * gap.baseline:.3g} to {100 * gap.final:.3g} %, noise {100 * gap.noise_floor:.2g} %",
             f"{100 * one.worst:.2g} %" if one.nearest else "",
-            one.case.values(diagnosis),
+            one.case.values(diagnosis) + (", not to be believed" if diagnosis.verdict == "unexplained" else ""),
             one.case.known,
         )
     console.print(table)

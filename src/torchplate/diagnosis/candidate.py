@@ -137,7 +137,7 @@ def support_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: 
     n_x, n_y = model.mesh.n_x, model.mesh.n_y
     column, row = round(x * n_x), round(y * n_y)
     on_node = math.hypot(x - column / n_x, y - row / n_y) < NEAR_NODE
-    chosen: dict[str, Any] = {"nodes": [row * (n_x + 1) + column + 1]} if on_node else {"at": [[x, y]]}
+    chosen: dict[str, Any] = {"nodes": (row * (n_x + 1) + column + 1,)} if on_node else {"at": ((x, y),)}
     kind = CATALOGUE["support_spring"]
     plan = model.plan(theta)
     wanted, start = {}, {}
@@ -168,14 +168,14 @@ def _choices(kind: type[Effect], model: PlateModel, channels: Channels) -> Itera
         held = {edge for edge, condition in model.mesh.edges.items() if condition != "free"}
         yield from ({"edge": edge} for edge in EDGES if edge not in held)
     elif kind.name == "channel_polarity":
-        sides = [[[one, None] for one in channels.response], [[None, one] for one in channels.reference]]
-        pairs = [[a, b] for a in channels.response for b in channels.reference]
+        sides = [[(one, None) for one in channels.response], [(None, one) for one in channels.reference]]
+        pairs = [(a, b) for a in channels.response for b in channels.reference]
         singles = pairs if min(len(channels.response), len(channels.reference)) > 1 else []
         every = [one for side in sides if len(side) > 1 for one in side] + singles
-        yield from ({"channels": [one]} for one in every[:MOST_CHOICES])
+        yield from ({"channels": (one,)} for one in every[:MOST_CHOICES])
     elif kind.name == "channel_swap":
-        responses = [[[a, None], [b, None]] for a, b in itertools.combinations(channels.response, 2)]
-        references = [[[None, a], [None, b]] for a, b in itertools.combinations(channels.reference, 2)]
+        responses = [((a, None), (b, None)) for a, b in itertools.combinations(channels.response, 2)]
+        references = [((None, a), (None, b)) for a, b in itertools.combinations(channels.reference, 2)]
         yield from ({"channels": pair} for pair in [*responses, *references][:MOST_CHOICES])
     elif kind.name == "sensor_position":
         several = len(channels.response) > 1

@@ -20,7 +20,7 @@ from torchplate.search.least_squares import least_squares
 # Iterations at each wide level, and at the sharp one.
 N_WIDE, N_SHARP = 6, 12
 # Bases built for one fit at most, and the relative change of the misfit at which the last is good.
-N_BASIS, SETTLED = 4, 2e-2
+N_BASIS, SETTLED = 3, 2e-2
 
 
 class Fit(NamedTuple):
@@ -139,6 +139,8 @@ def fit(
         beside: further members that the first basis is to hold, in SI units.
     """
     prior = prior or {}
+    if not model.names:
+        return _unfitted(bench, model)
     position = start[0]
     value = torch.inf
     for turn in range(N_BASIS):
@@ -165,6 +167,15 @@ def fit(
     misfit = bench.target.misfit(prediction)
     covariance = _covariance(jacobian[best], model, position, max(1.0, 2 * value / max(1.0, misfit.n_fitted)))
     return Fit(corrected, reduced, theta, covariance, prediction, misfit, float(problem.told(theta).square().sum()))
+
+
+def _unfitted(bench: Workbench, model: PlateModel) -> Fit:
+    """A model of numbers alone."""
+    theta = model.known.new_zeros(0)
+    corrected = bench.corrected(model, theta).model
+    reduced = bench.reduced(corrected, theta[None])
+    prediction = bench.predict(reduced, theta)
+    return Fit(corrected, reduced, theta, theta.new_zeros(0, 0), prediction, bench.target.misfit(prediction), 0.0)
 
 
 def _covariance(jacobian: Tensor, model: PlateModel, position: Tensor, scale: float) -> Tensor:

@@ -31,7 +31,7 @@ from torchplate.model import PlateModel
 # Members of the first look over the box, and those that go down from there.
 N_LOOK, N_DESCEND = 96, 8
 # Candidates that go down the wide levels, by name, and that are refitted sharply: within so much of the best.
-N_WIDE, N_SHARP, NEAR = 9, 5, 6.0
+N_WIDE, N_SHARP, NEAR = 8, 5, 6.0
 # Hypotheses from which the next effect is looked for where one alone does not explain the data.
 N_BEAM = 2
 # A second option of the same effect is followed if it promises at least this part of the first's.
@@ -40,6 +40,9 @@ SECOND = 0.6
 OVERLAPPING, NEARLY_RIGHT = 0.5, 2.5
 # Where noise alone is not reached, an effect is named if it leaves at most this part of what spoke against the model.
 LARGE_PART = 0.5
+# A second effect is looked for beside one that leaves at most this part of the gap, or of what spoke against the model;
+# and beside the second best too, if no more than so many times as much speaks against it.
+SMALLER_GAP, SMALLER_COST, BESIDE = 0.75, 0.3, 6.0
 # What sits at a place and goes to the ground.
 GROUNDED = frozenset({"ground_spring", "ground_dashpot"})
 # A place is a node's if it is this near to it, relative to the plate.
@@ -234,6 +237,9 @@ class Road:
             if is_noise(single.fit) or len(state.named) + 1 >= most_effects:
                 state = single
                 break
+            if not self._explains_some(state.fit, single.fit):
+                state = single
+                break
             # One alone does not do: the best pair need not begin with the best single one.
             further = self._pairs(state, look, single, looks)
             if further is None:
@@ -244,11 +250,18 @@ class Road:
                 break
         return self._without_needless(_worth_their_names(state)), looks
 
+    def _explains_some(self, before: Fit, after: Fit) -> bool:
+        """Whether an effect explains so much that looking for another beside it is worth the time."""
+        gaps = [float(self.bench.target.gap(one.prediction)) for one in (before, after)]
+        return gaps[1] <= SMALLER_GAP * gaps[0] or after.cost <= SMALLER_COST * before.cost
+
     def _pairs(self, state: State, look: Looked, single: State, looks: list[Looked]) -> State | None:
         ranked = sorted(look.hypotheses, key=lambda one: one.cost)
         beam: list[State] = [single]
         for other in ranked[1:]:
-            if len(beam) < N_BEAM and is_needed(state.fit, other) and other.name != ranked[0].name:
+            if len(beam) >= N_BEAM or other.name == ranked[0].name or other.cost > BESIDE * ranked[0].cost:
+                continue
+            if is_needed(state.fit, other) and self._explains_some(state.fit, other.fit):
                 beam.append(
                     self._added(state, choose([other, *(one for one in ranked if one.name != other.name)]), other)
                 )
@@ -334,7 +347,7 @@ class Road:
         """Take out again what the other effects made needless."""
         if len(state.named) < 2:
             return state
-        for naming in state.named[:-1]:
+        for naming in state.named:
             label = naming.hypothesis.label
             model = without_effect(state.model, label)
             kept = [state.model.names.index(name) for name in model.names]

@@ -78,12 +78,18 @@ def screen(
     residual = here.residual(position, level)
     if len(base.names):
         jacobian = JACOBIANS["forward"].differentiate(lambda p: here.residual(p, level), position[None], residual[None])
-        known = torch.linalg.qr(jacobian[0] / jacobian[0].norm(dim=0).clamp(min=1e-300)).Q
+        norm = jacobian[0].norm(dim=0).clamp(min=1e-300)
+        known, upper = torch.linalg.qr(jacobian[0] / norm)
     else:
-        known = residual.new_zeros(len(residual), 0)
+        known, upper, norm = residual.new_zeros(len(residual), 0), residual.new_zeros(0, 0), residual.new_zeros(0)
 
     def free(change: Tensor) -> Tensor:
         return change - (change @ known) @ known.mT
+
+    def makes_room(change: Tensor) -> Tensor:
+        """Where the fitted parameters go, to first order, when a candidate takes its change from the residuals."""
+        step = torch.linalg.lstsq(upper, (known.mT @ (residual - change))[:, None]).solution[:, 0] / norm
+        return base.space.to_si((position - step).clamp(0.0, 1.0)) if near else theta
 
     left = free(residual)
     total = float(left.square().sum())
@@ -95,7 +101,8 @@ def screen(
         members = _members(model, theta, base, [trial.values for trial in trials], label)
         with torch.no_grad():
             there = Problem(bench, model, prior).residual(model.space.to_cube(members), level)
-        change = free(residual - there)
+        whole = residual - there
+        change = free(whole)
         size = change.square().sum(-1).clamp(min=1e-280)
         along = change @ left
         # A discrete effect is there or not.
@@ -104,7 +111,9 @@ def screen(
         drop = (2 * alpha * along - alpha.square() * size) / max(total, 1e-300)
         values = [_moved(candidate, dict(one.values), float(a)) for one, a in zip(trials, alpha, strict=True)]
         chosen = _apart(values, drop)
-        starts = torch.stack([start_of(model, theta, base, values[index], label) for index in chosen])
+        starts = torch.stack(
+            [start_of(model, makes_room(alpha[index] * whole[index]), base, values[index], label) for index in chosen]
+        )
         best, least = chosen[0], int(size.argmin()) if not candidate.has_place else chosen[0]
         found.append(
             Scored(candidate, label, model, float(drop[best]), values[best], starts, change[least] / size[least].sqrt())

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.noise import Noise
@@ -26,6 +26,8 @@ WIDTHS = (0.05, 0.02, 0.007)
 SHARP = len(WIDTHS)
 # Lines of a smoothed spectrum for each half-width.
 PER_WIDTH = 1.3
+# FRFs that are smoothed, at most.
+MOST_MIXED = 10
 # What the basis and the solver leave, relative to the FRF; and what the mesh leaves of the modes' deflections and of
 # the static flexibility, relative to the level around a line: at the low and at the high end of the band.
 ROUNDING = 5e-4
@@ -100,22 +102,30 @@ class FrfTarget(Target):
         self.measured = measurement.frf
         self.levels = SHARP + 1
         self.model_variance = torch.zeros_like(noise.std)
-        self._filters = [_kernel(self.frequency, width) for width in WIDTHS]
+        self._filters = [_kernel(self.frequency, _centres(self.frequency, width), width) for width in WIDTHS]
         self.hold_out(heldout)
 
     def hold_out(self, heldout: Bool[Tensor, "n_response n_reference"]) -> None:
         """Hold out these FRFs from now on."""
         self.heldout = heldout & self.measurement.measured
         self.fitted = self.measurement.measured & ~heldout
-        self._scales = [self._level_scale(kernel) for kernel in self._filters]
+        self._scales = [self._level_scale(width) for width in WIDTHS]
+        # Many FRFs are mixed to a few before they are smoothed: random signs keep what all of them say.
+        count = int(self.fitted.sum())
+        if count > MOST_MIXED:
+            generator = torch.Generator().manual_seed(0)
+            signs = 2.0 * torch.randint(0, 2, (count, MOST_MIXED), generator=generator) - 1
+            self._mix = (signs / MOST_MIXED**0.5).to(self.measured)
+        else:
+            self._mix = torch.eye(count).to(self.measured)
 
-    def _level_scale(self, kernel: Tensor) -> Tensor:
+    def _level_scale(self, width: float) -> Float[Tensor, "n_frequency n_response n_reference"]:
         """One over the smoothed size of each FRF: so that every band weighs alike."""
+        kernel = _kernel(self.frequency, self.frequency, width)
         power = kernel.abs().square() @ self.measured.abs().square().flatten(1)
         power = power.unflatten(1, self.measured.shape[1:])
         floor = 1e-3 * power.mean(0)
-        scale = 1 / (power + floor).sqrt().clamp(min=1e-300)
-        return scale * self.fitted
+        return self.fitted / (power + floor).sqrt().clamp(min=1e-300)
 
     def set_model_error(self, shift: Float[Tensor, " n_frequency"]) -> None:
         """Let what is left of the mesh error stand beside the noise.
@@ -156,9 +166,7 @@ class FrfTarget(Target):
         """Deviations of the fitted FRFs: smoothed, or over their standard deviation at the sharp level."""
         off = self.measured - prediction
         if level < SHARP:
-            kernel = self._filters[level].to(off)
-            smooth = (kernel @ off.flatten(-2)).unflatten(-1, off.shape[-2:]) * self._scales[level]
-            kept = smooth[..., self.fitted]
+            kept = self._filters[level].to(off) @ ((off * self._scales[level])[..., self.fitted] @ self._mix)
         else:
             kept = (off / self.variance.sqrt())[..., self.fitted]
         return torch.view_as_real(kept).flatten(-3)
@@ -230,15 +238,21 @@ class FrequencyTarget(Target):
         return float((self.std / self.table.frequency).square().mean().sqrt())
 
 
-def _kernel(frequency: Float[Tensor, " n_frequency"], width: float) -> Tensor:
-    """The smoothing of one level [n_smooth, n_frequency]."""
-    step = torch.gradient(frequency)[0] if len(frequency) > 1 else torch.ones_like(frequency)
-    low = max(float(frequency[0]), float(step[0]))
-    centres, at = [], low
+def _centres(frequency: Float[Tensor, " n_frequency"], width: float) -> Float[Tensor, " n_smooth"]:
+    """Lines of a smoothed spectrum [Hz]."""
+    least = float(frequency.diff().min()) if len(frequency) > 1 else 1.0
+    centres, at = [], max(float(frequency[0]), least)
     while at <= float(frequency[-1]):
         centres.append(at)
-        at += max(width * at / PER_WIDTH, float(step.min()))
-    centre = torch.tensor(centres, dtype=frequency.dtype)
-    half = torch.maximum(width * centre, 1.0 * step.median())
+        at += max(width * at / PER_WIDTH, least)
+    return torch.tensor(centres).to(frequency)
+
+
+def _kernel(
+    frequency: Float[Tensor, " n_frequency"], centre: Float[Tensor, " n_smooth"], width: float
+) -> Complex[Tensor, "n_smooth n_frequency"]:
+    """The smoothing of one level."""
+    step = torch.gradient(frequency)[0] if len(frequency) > 1 else torch.ones_like(frequency)
+    half = torch.maximum(width * centre, step.median())
     kernel = step / torch.complex(half[:, None].expand(-1, len(frequency)), centre[:, None] - frequency)
     return kernel / kernel.abs().square().sum(-1, keepdim=True).sqrt()

@@ -16,10 +16,10 @@ class Orthotropy(Effect):
 
     parameters = {
         "young_ratio": Parameter(
-            "-", "r = Ey/Ex, √(Ex·Ey) kept", positive, neutral=1.0, prior=Prior(0.5, 2.0, logarithmic=True)
+            "-", "r = Ey/Ex, √(Ex·Ey) kept", positive, neutral=1.0, prior=Prior(0.03, 30.0, logarithmic=True)
         ),
         "shear_factor": Parameter(
-            "-", "g: G over its isotropic value", positive, neutral=1.0, prior=Prior(0.5, 2.0, logarithmic=True)
+            "-", "g: G over its isotropic value", positive, neutral=1.0, prior=Prior(0.2, 5.0, logarithmic=True)
         ),
     }
     acts_on = frozenset({"section"})
