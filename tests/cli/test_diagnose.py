@@ -43,18 +43,19 @@ def write_measurement(truth: Path, path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def diagnosed(tmp_path_factory, make_config) -> SimpleNamespace:
-    """A mass is hidden, the mesh has six elements, the thickness is known to 5 µm."""
+    """A mass is hidden, the mesh has twelve elements, the thickness is known to 5 µm."""
     folder = tmp_path_factory.mktemp("diagnosed")
     hidden = {"effects.hidden": {"effect": "point_mass", **HIDDEN}}
-    finer = {"mesh.refine": 6, "mesh.extrapolate": True, "measurement": {"band": [0.0, 400.0]}}
+    mesh = {"mesh.n_x": 4, "mesh.n_y": 3}
+    finer = {"mesh.refine": 4, "mesh.extrapolate": True, "measurement": {"band": [0.0, 400.0]}}
     truth = folder / "truth.yaml"
-    truth.write_text(json.dumps(make_config(changes=hidden | finer)))
+    truth.write_text(json.dumps(make_config(changes=mesh | hidden | finer)))
     write_measurement(truth, folder / "plate.npz")
     known = {"effects.plate.thickness": {"value": 0.0031, "std": 5e-6}, "measurement.band": [20.0, 400.0]}
     path = folder / "configs" / "plate.yaml"
     path.parent.mkdir()
     changes = known | {"measurement.file": "../plate.npz"}
-    path.write_text(json.dumps(make_config(["plate.youngs_modulus"], changes)))
+    path.write_text(json.dumps(make_config(["plate.youngs_modulus"], mesh | changes)))
     out, console = folder / "runs" / "one", Console(file=StringIO(), width=200)
     found = diagnose(path, out, ["search.seed=3", "measurement.band=[20.0, 290.0]"], console=console)
     content = json.loads((out / "diagnosis.json").read_text())

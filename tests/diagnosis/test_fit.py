@@ -57,11 +57,14 @@ def bench(lab, plate, truth) -> Workbench:
         return Workbench(plate, measured(lab, plate.frf(truth, LINES), 0), as_given=True)
 
 
+# Moduli from far below and far above, whose peaks overlap with none of the true ones.
+FAR = ([[0.03, 0.5, 0.5]], [[0.97, 0.05, 0.1]], [[0.05, 0.95, 0.95], [0.9, 0.8, 0.2]])
+
+
 @pytest.fixture(scope="module")
 def found(bench):
-    """From both far corners of the box."""
-    ends = torch.tensor([[0.03, 0.95, 0.95], [0.97, 0.05, 0.1]], dtype=torch.float64)
-    return [fit(bench, bench.given, end[None]) for end in ends]
+    """From far away, also where the first of two starts leads nowhere."""
+    return [fit(bench, bench.given, torch.tensor(starts, dtype=torch.float64)) for starts in FAR]
 
 
 def test_the_truth_is_found_from_far_starts(found, plate, truth):
@@ -73,7 +76,7 @@ def test_the_truth_is_found_from_far_starts(found, plate, truth):
         assert one.reduced_misfit == pytest.approx(1.0, abs=0.12)
         assert one.model.names == plate.names
     # They end at the same place.
-    assert torch.allclose(found[0].theta, found[1].theta, rtol=1e-3)
+    assert all(torch.allclose(one.theta, found[0].theta, rtol=1e-3) for one in found)
 
 
 def test_the_basis_at_the_end_says_what_the_full_model_says(found, plate, relative_error_of):
@@ -93,18 +96,18 @@ def test_noise_scatters_the_parameters_as_the_covariance_says(lab, plate, truth,
         start = plate.space.to_cube(truth)[None]
         bench = Workbench(plate, measured(lab, frf, 1), as_given=True)
         ends = []
-        for seed in range(40):
+        for seed in range(20):
             bench.target = measured(lab, frf, 100 + seed)
             ends.append(fit(bench, bench.given, start, wide=False).theta)
     scatter = torch.stack(ends)
     std = found[0].covariance.diagonal().sqrt()
-    # The standard deviation of 40 draws is good to 11 %.
-    assert (scatter.std(0) / std).tolist() == pytest.approx([1.0] * 3, abs=0.4)
+    # The standard deviation of 20 draws is good to 16 %.
+    assert (scatter.std(0) / std).tolist() == pytest.approx([1.0] * 3, abs=0.5)
     # And they scatter about the truth.
-    assert bool(((scatter.mean(0) - truth).abs() < 4 * std / 40**0.5).all())
+    assert bool(((scatter.mean(0) - truth).abs() < 4 * std / 20**0.5).all())
     told = torch.corrcoef(scatter.mT)
     claimed = found[0].covariance / std[:, None] / std
-    assert torch.allclose(told, claimed, atol=0.5)
+    assert torch.allclose(told, claimed, atol=0.6)
 
 
 def test_what_is_known_beforehand_pulls_as_it_weighs(bench, plate, truth, found):
@@ -118,7 +121,7 @@ def test_what_is_known_beforehand_pulls_as_it_weighs(bench, plate, truth, found)
         mean, std = float(free.theta[index]) + 6 * own, own / weight
         pulled = fit(bench, bench.given, plate.space.to_cube(free.theta)[None], {name: (mean, std)}, wide=False)
         ends[weight] = (float(pulled.theta[index]) - float(free.theta[index])) / own
-        assert pulled.prior == pytest.approx(((float(pulled.theta[index]) - mean) / std) ** 2, rel=1e-6, abs=1e-9)
+        assert pulled.prior == pytest.approx(((float(pulled.theta[index]) - mean) / std) ** 2, rel=1e-6, abs=1e-6)
         assert pulled.cost == pytest.approx(float(pulled.misfit.fitted + pulled.misfit.heldout) + pulled.prior)
     # Two normal distributions multiplied: 6 w² / (1 + w²).
     assert ends[0.02] == pytest.approx(0.0, abs=0.1)

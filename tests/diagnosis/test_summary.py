@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from torchplate.diagnosis.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
 from torchplate.diagnosis.naming import Choice, Hypothesis
 from torchplate.diagnosis.noise import noise_level
@@ -41,7 +42,7 @@ class Ended:
         fit = Fit(
             model, model, theta, torch.ones(1, 1, dtype=torch.float64), prediction, target.misfit(prediction), 0.0
         )
-        one = Hypothesis(None, "one", fit)  # type: ignore[arg-type]
+        one = Hypothesis(Candidate(CATALOGUE["density"](), {}, {}, {}), "one", fit)
         self.state = State(model, fit, (Naming(one, Choice(one, (), None, 1.0, 0.9), fit),) * n_named)
 
 
@@ -73,6 +74,8 @@ def test_a_parameter_on_the_edge_of_its_interval_is_said(lab):
 def test_sensors_on_a_line_of_symmetry_are_seen():
     # Nodes 11 to 15 lie on y = 1/2; 3, 8, 13, 18 and 23 on x = 1/2.
     assert not _on_symmetry(plate())
-    assert _on_symmetry(plate((3, 18), (7, 22)))
-    assert _on_symmetry(plate((1, 7), (11, 14)))
-    assert not _on_symmetry(plate((3, 11), (13, 22)))
+    assert _on_symmetry(plate((3, 18), (13, 23)))
+    assert _on_symmetry(plate((11, 14), (12,)))
+    # A force off the line tells a place from its mirror image.
+    assert not _on_symmetry(plate((3, 18), (7, 22)))
+    assert not _on_symmetry(plate((3, 18), (11, 14)))

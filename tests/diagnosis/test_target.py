@@ -31,7 +31,7 @@ def plate() -> PlateModel:
         "plate.thickness": 0.003,
         "wires.stiffness": 1500.0,
         "wires.viscous_damping": 0.7,
-        "loss.stiffness_loss_factor": 8e-3,
+        "loss.stiffness_loss_factor": 2.5e-2,
     }
     young = {"plate.youngs_modulus": Searched(0.5 * TRUE, 2 * TRUE)}
     return PlateModel(Mesh(0.43, 0.3, 4, 3), effects, known, young, list(RESPONSE), list(REFERENCE), "accelerance")
@@ -102,10 +102,10 @@ def test_the_wide_level_has_its_minimum_at_the_truth_where_the_sharp_one_has_sev
     parts = torch.linspace(0.6, 1.6, 101, dtype=torch.float64)
     frf = predicted(plate, *parts.tolist())
     wide, sharp = (here.residual(frf, level).square().sum(-1) for level in (0, here.levels - 1))
-    (only,) = minima(wide)
-    # A step of the scan, or two: the widest kernel is as wide as five of them.
-    assert float(parts[only]) == pytest.approx(1.0, abs=0.025)
-    assert len(minima(sharp)) > 3
+    (only,) = [index for index in minima(wide) if 0.75 < float(parts[index]) < 1.35]
+    assert float(parts[only]) == pytest.approx(1.0, abs=0.011)
+    assert float(parts[wide.argmin()]) == pytest.approx(1.0, abs=0.011)
+    assert len(minima(sharp)) > 2
     assert float(parts[sharp.argmin()]) == pytest.approx(1.0, abs=0.006)
 
 

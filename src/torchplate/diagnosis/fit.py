@@ -21,6 +21,8 @@ from torchplate.search.least_squares import least_squares
 N_WIDE, N_SHARP = 6, 12
 # Bases built for one fit at most, and the relative change of the misfit at which the last is good.
 N_BASIS, SETTLED = 3, 2e-2
+# A parameter off by its standard deviation weighs at the wide levels as much as this part of all that is measured.
+TOLD_PART = 0.05
 
 
 class Fit(NamedTuple):
@@ -34,6 +36,7 @@ class Fit(NamedTuple):
         prediction: of the target.
         misfit: sums of squares there, and those of the prior.
         prior: what the tolerances add to the sum of squares.
+        believed: whether residuals were weighed by the noise, and not by what the model as such leaves.
     """
 
     model: PlateModel
@@ -43,6 +46,7 @@ class Fit(NamedTuple):
     prediction: Tensor
     misfit: Misfit
     prior: float
+    believed: bool = True
 
     @property
     def reduced_misfit(self) -> float:
@@ -80,12 +84,18 @@ class Problem:
         return self.bench.target
 
     def residual(self, position: Float[Tensor, "*batch n"], level: int) -> Float[Tensor, "*batch n_residual"]:
-        """Deviations at a level; at the sharp one with those from what is known beforehand."""
+        """Deviations at a level; at the sharp one with those from what is known beforehand.
+
+        Where the model is doubted these count at the wide levels too: a smoothed residual is then about 1, whatever the
+        noise.
+        """
         theta = self.model.space.to_si(position)
         found = self.target.residual(self.bench.predict(self.model, theta), level)
-        if level < self.target.levels - 1 or not self._index:
+        sharp = level == self.target.levels - 1
+        if not self._index or (not sharp and self.target.believes_the_model):
             return found
-        return torch.cat([found, self.told(theta)], dim=-1)
+        weight = 1.0 if sharp else TOLD_PART * found.shape[-1] ** 0.5
+        return torch.cat([found, weight * self.told(theta)], dim=-1)
 
     def told(self, theta: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n_prior"]:
         """Deviations from what is known beforehand, over its standard deviation."""
@@ -166,7 +176,9 @@ def fit(
     prediction = bench.predict(reduced, theta)
     misfit = bench.target.misfit(prediction)
     covariance = _covariance(jacobian[best], model, position, max(1.0, 2 * value / max(1.0, misfit.n_fitted)))
-    return Fit(corrected, reduced, theta, covariance, prediction, misfit, float(problem.told(theta).square().sum()))
+    told = float(problem.told(theta).square().sum())
+    believed = bench.target.believes_the_model
+    return Fit(corrected, reduced, theta, covariance, prediction, misfit, told, believed)
 
 
 def _unfitted(bench: Workbench, model: PlateModel) -> Fit:
@@ -175,7 +187,8 @@ def _unfitted(bench: Workbench, model: PlateModel) -> Fit:
     corrected = bench.corrected(model, theta).model
     reduced = bench.reduced(corrected, theta[None])
     prediction = bench.predict(reduced, theta)
-    return Fit(corrected, reduced, theta, theta.new_zeros(0, 0), prediction, bench.target.misfit(prediction), 0.0)
+    misfit, believed = bench.target.misfit(prediction), bench.target.believes_the_model
+    return Fit(corrected, reduced, theta, theta.new_zeros(0, 0), prediction, misfit, 0.0, believed)
 
 
 def _covariance(jacobian: Tensor, model: PlateModel, position: Tensor, scale: float) -> Tensor:

@@ -19,6 +19,10 @@ PRICE = 8.0
 EQUIVALENT = 14.0
 # An effect is taken where it takes this part of all that speaks against the model, and at least so much.
 LEAST_PART, LEAST_FALL = 0.04, 60.0
+# The same where the model is doubted: independent numbers are few then.
+LEAST_FALL_IN_DOUBT = 14.0
+# A doubted model counts as one that leaves so much.
+DOUBT = 20.0
 # Mean square up to which nothing but noise is left; and where a patch is in the model, whose edges cut its elements.
 NOISE_ONLY, WITH_PATCH = 1.15, 1.6
 
@@ -88,13 +92,14 @@ def choose(hypotheses: Sequence[Hypothesis]) -> Choice:
             others.append(other)
     next_best = others[0] if others else None
     margin = (others[0].cost - best.cost) / unit if others else math.inf
-    return Choice(best, tuple(dict.fromkeys(equivalent)), next_best, margin, confidence(margin, unit))
+    sure = confidence(margin, unit if best.fit.believed else DOUBT)
+    return Choice(best, tuple(dict.fromkeys(equivalent)), next_best, margin, sure)
 
 
 def is_noise(fit: Fit) -> bool:
     """Whether nothing but noise is left."""
     patch = any("size" in effect.parameters for effect in fit.model.effects.values())
-    return fit.reduced_misfit <= (WITH_PATCH if patch else NOISE_ONLY)
+    return fit.believed and fit.reduced_misfit <= (WITH_PATCH if patch else NOISE_ONLY)
 
 
 def confidence(margin: float, misfit: float) -> float:
@@ -114,4 +119,5 @@ def is_needed(before: Fit, after: Hypothesis) -> bool:
     unit = max(1.0, after.fit.reduced_misfit)
     fall = before.cost - after.cost
     held = after.fit.misfit.n_heldout == 0 or float(after.fit.misfit.heldout) < float(before.misfit.heldout)
-    return held and fall / unit > LEAST_FALL and fall > LEAST_PART * before.cost
+    least = LEAST_FALL if after.fit.believed else LEAST_FALL_IN_DOUBT
+    return held and fall / unit > least and fall > LEAST_PART * before.cost

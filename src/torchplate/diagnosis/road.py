@@ -31,7 +31,10 @@ from torchplate.model import PlateModel
 # Members of the first look over the box, and those that go down from there.
 N_LOOK, N_DESCEND = 96, 8
 # Candidates that go down the wide levels, by name, and that are refitted sharply: within so much of the best.
-N_WIDE, N_SHARP, NEAR = 8, 5, 6.0
+N_WIDE, N_SHARP, NEAR = 7, 5, 6.0
+# What promises less than this part of the best is not refitted; and where peaks overlap and the best promises so much of
+# the misfit, wide levels are not asked.
+FAINT, DECIDED = 0.05, 0.5
 # Hypotheses from which the next effect is looked for where one alone does not explain the data.
 N_BEAM = 2
 # A second option of the same effect is followed if it promises at least this part of the first's.
@@ -43,6 +46,11 @@ LARGE_PART = 0.5
 # A second effect is looked for beside one that leaves at most this part of the gap, or of what spoke against the model;
 # and beside the second best too, if no more than so many times as much speaks against it.
 SMALLER_GAP, SMALLER_COST, BESIDE = 0.75, 0.3, 6.0
+# Mean square of what is left beyond which the model as such is doubted.
+FAR_OFF = 20.0
+# An effect of the whole plate whose prior spans more than this factor is looked for all over its prior and the box
+# together, where the model is doubted: so many members, and so many of them that go down.
+WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
 # What sits at a place and goes to the ground.
 GROUNDED = frozenset({"ground_spring", "ground_dashpot"})
 # A place is a node's if it is this near to it, relative to the plate.
@@ -148,6 +156,9 @@ def diagnose(
     baseline = road.baseline()
     given = road.as_given(baseline)
     state, looks = road.travel(baseline, most_effects)
+    if isinstance(target, FrfTarget) and state.fit.reduced_misfit > FAR_OFF:
+        baseline = road.doubting(baseline)
+        state, looks = road.travel(baseline, most_effects)
     return summarise(Travelled(road.bench, noise, given, baseline, state, tuple(looks)), time.monotonic() - began)
 
 
@@ -201,6 +212,17 @@ class Road:
                 found = fit(bench, model, model.space.to_cube(found.theta)[None], self.prior, wide=False)
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} times what noise explains")
         return State(model, found)
+
+    def doubting(self, baseline: State) -> State:
+        """The baseline again, where what is left is far above the noise, weighed by what the model as such leaves."""
+        bench, target, model = self.bench, self.bench.target, baseline.model
+        assert isinstance(target, FrfTarget)
+        self.say("what is left is far above the noise: the model itself is doubted from here on")
+        frequency = bench.corrected(model, baseline.fit.theta).frequency
+        in_band = int(((frequency >= float(target.frequency[0])) & (frequency <= bench.top)).sum())
+        target.doubt_the_model(baseline.fit.prediction, max(1, in_band))
+        start = model.space.to_cube(baseline.fit.theta)[None]
+        return State(model, fit(bench, model, start, self.prior, wide=True))
 
     def _first_look(self, model: PlateModel, middle: Tensor) -> Tensor:
         """Where to begin: members spread over the box, the best of them down the wide levels."""
@@ -295,10 +317,13 @@ class Road:
             # Where nothing but noise is left, a look at the best two is a check.
             wanted = 2 if is_noise(state.fit) else N_SHARP
             chosen = [(promise, promise.starts) for promise in _promising(promises, wanted)]
-        if bench.target.levels > 1 and misfit > NEARLY_RIGHT:
+        decided = bool(promises) and promises[0].drop > DECIDED
+        if bench.target.levels > 1 and misfit > NEARLY_RIGHT and not decided:
             widely_scored = screen(bench, base, state.fit.theta, everyone, self.prior)
-            chosen += self._down(_promising(widely_scored, N_WIDE))
-            promises = promises or widely_scored
+            if not bench.target.believes_the_model:
+                widely_scored = [self._from_afar(state, one) for one in widely_scored]
+            chosen += self._down(_promising(sorted(widely_scored, key=lambda one: -one.drop), N_WIDE))
+            promises = promises or sorted(widely_scored, key=lambda one: -one.drop)
         together: dict[str, tuple[Promise, list[Tensor]]] = {}
         for promise, starts in chosen:
             key = f"{promise.candidate.name} {promise.candidate.options}"
@@ -308,6 +333,24 @@ class Road:
         ]
         hypotheses += [self._as_support(state, one) for one in _best_of_each(hypotheses) if one.name in GROUNDED]
         return Looked(tuple(promises), tuple(_best_of_each(hypotheses)))
+
+    def _from_afar(self, state: State, promise: Promise) -> Promise:
+        """Starts spread over the box and the prior together, for an effect that may make another plate of it."""
+        wide = [one for one in promise.candidate.searched.values() if one.logarithmic and one.low > 0]
+        whole_plate = promise.candidate.effect.acts_on == {"section"} and not promise.candidate.has_place
+        if not whole_plate or not any(one.high / one.low > WIDE_PRIOR for one in wide):
+            return promise
+        whole = with_candidate(state.fit.model, promise.label, promise.candidate)
+        n = len(whole.names)
+        look = torch.cat([promise.starts, SobolEngine(n).draw(N_FAR, dtype=torch.float64).to(promise.starts)])
+        some = torch.cat([promise.starts[:1], look[-6:]])
+        problem = Problem(self.bench, self.bench.reduced(whole, whole.space.to_si(some)), self.prior)
+        value = problem.residual(look, 0).square().sum(-1)
+        starts, left = widely(problem, look[value.argsort()[:N_FAR_DESCEND]], keep=3)
+        given = Problem(self.bench, state.fit.reduced, self.prior)
+        position = given.model.space.to_cube(state.fit.theta)
+        before = 0.5 * float(given.residual(position, self.bench.target.levels - 2).square().sum())
+        return promise._replace(model=problem.model, starts=starts, drop=max(promise.drop, 1 - float(left[0]) / before))
 
     def _down(self, promises: Sequence[Promise]) -> list[tuple[Promise, Tensor]]:
         """Candidates taken down the wide levels; those that end near the best, with where they end."""
@@ -377,9 +420,9 @@ def _promising(promises: Sequence[Promise], wanted: int) -> list[Promise]:
         if not own or (len(own) == 1 and promise.drop >= SECOND * own[0].drop):
             own.append(promise)
     alike = dict(zip((id(promise) for promise in promises), twins(promises), strict=True))
-    ranked = sorted(best, key=lambda name: -best[name][0].drop)
-    names = list(ranked[:wanted])
-    names += [other for name in ranked[:wanted] for other in alike[id(best[name][0])] if other in best]
+    ranked = sorted(best, key=lambda name: -best[name][0].drop)[:wanted]
+    names = [name for name in ranked if best[name][0].drop >= FAINT * best[ranked[0]][0].drop]
+    names += [other for name in names for other in alike[id(best[name][0])] if other in best]
     return [promise for name in dict.fromkeys(names) for promise in best[name]]
 
 

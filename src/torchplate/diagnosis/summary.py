@@ -62,7 +62,7 @@ def _finer_mesh(seen: "Travelled") -> tuple[Named, ...]:
     """The mesh as a missing effect of its own, where its error shows."""
     bench, given, baseline = seen.bench, seen.given, seen.baseline.fit
     fall = given.cost - baseline.cost
-    if fall < LEAST_FALL or fall < LEAST_PART * given.cost:
+    if not baseline.believed or fall < LEAST_FALL or fall < LEAST_PART * given.cost:
         return ()
     before, after = (float(bench.target.gap(one.prediction)) for one in (given, baseline))
     cells = " × ".join(str(cell) for cell in bench.mesh.cells)

@@ -26,6 +26,8 @@ WIDTHS = (0.05, 0.02, 0.007)
 SHARP = len(WIDTHS)
 # Lines of a smoothed spectrum for each half-width.
 PER_WIDTH = 1.3
+# Mean square of the baseline's residuals where the model is doubted.
+DOUBTFUL = 12.0
 # FRFs that are smoothed, at most.
 MOST_MIXED = 10
 # What the basis and the solver leave, relative to the FRF; and what the mesh leaves of the modes' deflections and of
@@ -56,6 +58,11 @@ class Target(ABC):
     """Something measured that models predict."""
 
     levels: int
+
+    @property
+    def believes_the_model(self) -> bool:
+        """Whether residuals are weighed by the noise, and not by what the model as such leaves."""
+        return True
 
     @abstractmethod
     def predict(self, model: PlateModel, theta: Tensor) -> Tensor:
@@ -102,6 +109,8 @@ class FrfTarget(Target):
         self.measured = measurement.frf
         self.levels = SHARP + 1
         self.model_variance = torch.zeros_like(noise.std)
+        self.independent = 1.0
+        self._around: Tensor | None = None
         self._filters = [_kernel(self.frequency, _centres(self.frequency, width), width) for width in WIDTHS]
         self.hold_out(heldout)
 
@@ -145,6 +154,36 @@ class FrfTarget(Target):
         around = ((weight / weight.sum(-1, keepdim=True)) @ power.flatten(1)).unflatten(1, power.shape[1:])
         part = SHAPE[0] + (SHAPE[1] - SHAPE[0]) * (self.frequency / self.frequency[-1])[:, None, None]
         self.model_variance = 0.5 * (moved.square() + ROUNDING**2 * power + part.square() * around)
+        self._around = around
+
+    @property
+    def believes_the_model(self) -> bool:
+        """Whether residuals are weighed by the noise, and not by what the model as such leaves."""
+        return self.independent == 1.0
+
+    def doubt_the_model(self, prediction: Tensor, n_mode: int) -> None:
+        """Weigh residuals by what no effect of the catalogue explains, where that is far above the noise.
+
+        A real plate is never quite the model. What is left of it then is not independent from line to line: an FRF says
+        about two numbers of each mode in the band, and one FRF more than there are says where they come from. The level
+        of the model's error, a part of the level around each line, is such that the baseline's mean square is
+        `DOUBTFUL`.
+
+        Args:
+            prediction: of the baseline.
+            n_mode: modes in the band.
+        """
+        assert self._around is not None
+        known = self.model_variance
+        low, high = 1e-4, 10.0
+        for _ in range(40):
+            part = (low * high) ** 0.5
+            self.model_variance = known + 0.5 * part**2 * self._around
+            square = self.misfit(prediction)
+            above = float(square.fitted) > DOUBTFUL * square.n_fitted
+            low, high = (part, high) if above else (low, part)
+        count = 2 * len(self.frequency) * int(self.fitted.sum())
+        self.independent = min(1.0, 2 * n_mode * (1 + int(self.fitted.sum())) / count)
 
     @property
     def variance(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
@@ -168,13 +207,13 @@ class FrfTarget(Target):
         if level < SHARP:
             kept = self._filters[level].to(off) @ ((off * self._scales[level])[..., self.fitted] @ self._mix)
         else:
-            kept = (off / self.variance.sqrt())[..., self.fitted]
+            kept = (off * (self.independent / self.variance).sqrt())[..., self.fitted]
         return torch.view_as_real(kept).flatten(-3)
 
     def misfit(self, prediction: Tensor) -> Misfit:
         """Sums of squares over the variance."""
-        square = (self.measured - prediction).abs().square() / self.variance
-        count = 2 * len(self.frequency)
+        square = (self.measured - prediction).abs().square() * (self.independent / self.variance)
+        count = 2 * len(self.frequency) * self.independent
         held = self.heldout & self.measurement.measured
         return Misfit(
             square[..., self.fitted].sum((-2, -1)),
