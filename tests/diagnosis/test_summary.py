@@ -7,7 +7,7 @@ from torchplate.diagnosis.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
 from torchplate.diagnosis.naming import Choice, Hypothesis
 from torchplate.diagnosis.noise import noise_level
-from torchplate.diagnosis.road import Naming, State
+from torchplate.diagnosis.state import Naming, State
 from torchplate.diagnosis.summary import _missing, _on_symmetry, _remarks, _verdict
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.workbench import Workbench

@@ -1,7 +1,9 @@
 """Where simulation and measurement disagree, which effect is missing, and the gap once it is added.
 
-- `road`: the steps from the given model to the last one: baseline, score, refit, name, add, remove.
+- `road`: the steps from the given model to the last one: baseline, look, name, add, remove; `look`: one look over the
+  whole catalogue: score, refit; `state`: where the road has come to.
 - `noise`: the noise floor, from the measurement alone; `holdout`: the FRFs that no fit sees.
+- `tolerance`: numbers that are known as well as a ruler knows them.
 - `target`: what the models are held against, and residuals from wide to sharp.
 - `workbench`: one mesh for all models, its error taken off, and bases that are right where they are used.
 - `candidate`: every effect of the catalogue that may be missing, with its options, places and sizes.

@@ -33,8 +33,8 @@ SIZES = (0.15, 0.35)
 # Members tried of a candidate with several parameters: of all values together, of those half way to the ends; and
 # choices of channels.
 MOST_MEMBERS, MOST_CORNERS, MOST_CHOICES = 60, 81, 400
-# A place is taken for a node's if it is this near to it, relative to the plate.
-NEAR_NODE = 0.012
+# A place found is taken for a node's, and a place given is one, if it is this near to it, relative to the plate.
+NEAR_NODE, ON_NODE = 0.012, 1e-4
 # Effects that are no candidates: the plate itself, and what is settled before anything is named.
 NEVER = frozenset({"plate", "support_spring", "mesh_discretisation"})
 
@@ -159,6 +159,21 @@ class Channels:
 
     response: tuple[Any, ...]
     reference: tuple[Any, ...]
+
+
+def channels_of(model: PlateModel) -> Channels:
+    """The model's responses and references, by node label where they sit on a node."""
+    grid = model.mesh.places(list(range(1, (model.mesh.n_x + 1) * (model.mesh.n_y + 1) + 1)))
+
+    def labels(points: Sequence[Any] | None) -> tuple[Any, ...]:
+        found: list[Any] = []
+        for point in points or ():
+            place = model.mesh.places([point])
+            away = (grid - place).norm(dim=-1)
+            found.append(int(away.argmin()) + 1 if float(away.min()) < ON_NODE else tuple(place[0].tolist()))
+        return tuple(found)
+
+    return Channels(labels(model.response), labels(model.reference))
 
 
 def _choices(kind: type[Effect], model: PlateModel, channels: Channels) -> Iterator[dict[str, Any]]:

@@ -5,22 +5,21 @@ the most promising, name the best with its equivalents, add it. What a later eff
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.candidate import Candidate, Channels, candidates, support_at
+from torchplate.diagnosis.candidate import channels_of
 from torchplate.diagnosis.fit import Fit, Problem, fit, widely
 from torchplate.diagnosis.holdout import exchanged, held_out
 from torchplate.diagnosis.ledger import Diagnosis
+from torchplate.diagnosis.look import Look
 from torchplate.diagnosis.naming import Choice, Hypothesis, choose, is_needed, is_noise
 from torchplate.diagnosis.noise import Noise, noise_level
-from torchplate.diagnosis.screen import Scored as Promise
-from torchplate.diagnosis.screen import new_label, screen, start_of, twins
+from torchplate.diagnosis.state import Looked, Naming, State, Travelled
 from torchplate.diagnosis.summary import summarise
 from torchplate.diagnosis.target import FrequencyTarget, FrfTarget, Target
 from torchplate.diagnosis.tolerance import with_tolerances
@@ -30,17 +29,8 @@ from torchplate.model import PlateModel
 
 # Members of the first look over the box, and those that go down from there.
 N_LOOK, N_DESCEND = 96, 8
-# Candidates that go down the wide levels, by name, and that are refitted sharply: within so much of the best.
-N_WIDE, N_SHARP, NEAR = 7, 5, 6.0
-# What promises less than this part of the best is not refitted; and where peaks overlap and the best promises so much of
-# the misfit, wide levels are not asked.
-FAINT, DECIDED = 0.05, 0.5
 # Hypotheses from which the next effect is looked for where one alone does not explain the data.
 N_BEAM = 2
-# A second option of the same effect is followed if it promises at least this part of the first's.
-SECOND = 0.6
-# Below this gap peaks of model and measurement overlap; below this mean square wide levels would show but noise.
-OVERLAPPING, NEARLY_RIGHT = 0.5, 2.5
 # Where noise alone is not reached, an effect is named if it leaves at most this part of what spoke against the model.
 LARGE_PART = 0.5
 # A second effect is looked for beside one that leaves at most this part of the gap, or of what spoke against the model;
@@ -48,68 +38,6 @@ LARGE_PART = 0.5
 SMALLER_GAP, SMALLER_COST, BESIDE = 0.75, 0.3, 6.0
 # Mean square of what is left beyond which the model as such is doubted.
 FAR_OFF = 20.0
-# An effect of the whole plate whose prior spans more than this factor is looked for all over its prior and the box
-# together, where the model is doubted: so many members, and so many of them that go down.
-WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
-# What sits at a place and goes to the ground.
-GROUNDED = frozenset({"ground_spring", "ground_dashpot"})
-# A place is a node's if it is this near to it, relative to the plate.
-ON_NODE = 1e-4
-
-
-@dataclass(frozen=True)
-class State:
-    """Where the road has come to.
-
-    Attributes:
-        model: the given one with the effects named so far, in all dofs.
-        fit: of it.
-        named: the effects, with what was known when each was named.
-        previous: before the last of them was added.
-    """
-
-    model: PlateModel
-    fit: Fit
-    named: tuple["Naming", ...] = ()
-    previous: "State | None" = None
-
-
-@dataclass(frozen=True)
-class Naming:
-    """An effect that was added, and why."""
-
-    hypothesis: Hypothesis
-    choice: Choice
-    before: Fit
-
-
-@dataclass(frozen=True)
-class Travelled:
-    """Everything the road has seen.
-
-    Attributes:
-        bench: what evaluated the models.
-        noise: of the FRFs; None for a table of natural frequencies.
-        given: the fit of the given model on its own mesh.
-        baseline: the given model on a mesh whose error is taken off.
-        final: the last model.
-        looks: over the catalogue, in the order they were taken.
-    """
-
-    bench: Workbench
-    noise: Noise | None
-    given: Fit
-    baseline: State
-    final: State
-    looks: tuple["Looked", ...]
-
-
-@dataclass(frozen=True)
-class Looked:
-    """What one look over the catalogue gave."""
-
-    promises: tuple[Promise, ...]
-    hypotheses: tuple[Hypothesis, ...]
 
 
 @torch.no_grad()
@@ -162,21 +90,6 @@ def diagnose(
     return summarise(Travelled(road.bench, noise, given, baseline, state, tuple(looks)), time.monotonic() - began)
 
 
-def _channels(model: PlateModel) -> Channels:
-    """The model's responses and references, by node label where they sit on a node."""
-    grid = model.mesh.places(list(range(1, (model.mesh.n_x + 1) * (model.mesh.n_y + 1) + 1)))
-
-    def labels(points: Sequence[Any] | None) -> tuple[Any, ...]:
-        found: list[Any] = []
-        for point in points or ():
-            place = model.mesh.places([point])
-            away = (grid - place).norm(dim=-1)
-            found.append(int(away.argmin()) + 1 if float(away.min()) < ON_NODE else tuple(place[0].tolist()))
-        return tuple(found)
-
-    return Channels(labels(model.response), labels(model.reference))
-
-
 class Road:
     """The steps, each of which can be taken alone.
 
@@ -192,7 +105,7 @@ class Road:
     ) -> None:
         self.given, self.prior = with_tolerances(model, tolerance)
         self.bench = Workbench(self.given, target)
-        self.channels, self.say = _channels(model), say
+        self.say, self.look = say, Look(self.bench, self.prior, channels_of(model), say)
 
     def baseline(self) -> State:
         """The given model, fitted on a mesh whose error is taken off; and on its own mesh, to see what that costs."""
@@ -248,7 +161,7 @@ class Road:
         """Add effects as long as they are needed and there are some."""
         looks: list[Looked] = []
         while len(state.named) < most_effects:
-            look = self.look(state)
+            look = self.look.at(state)
             looks.append(look)
             if not look.hypotheses:
                 break
@@ -291,7 +204,7 @@ class Road:
         for start in beam:
             names = " + ".join(one.hypothesis.name for one in start.named)
             self.say(f"{names} leaves {start.fit.reduced_misfit:.3g}: looking for what else is missing")
-            more = self.look(start)
+            more = self.look.at(start)
             looks.append(more)
             if not more.hypotheses:
                 continue
@@ -304,80 +217,6 @@ class Road:
             if is_noise(found.fit):
                 break
         return best
-
-    def look(self, state: State) -> Looked:
-        """Score the whole catalogue, and refit what promises most."""
-        bench = self.bench
-        base = bench.reduced(state.fit.model, state.fit.theta[None], by_element=True)
-        everyone = candidates(base, state.fit.theta, self.channels)
-        self.say(f"scoring {len(everyone)} candidates")
-        misfit, chosen, promises = state.fit.reduced_misfit, [], []
-        if bench.target.levels == 1 or float(bench.target.gap(state.fit.prediction)) < OVERLAPPING:
-            promises = screen(bench, base, state.fit.theta, everyone, self.prior, near=True)
-            # Where nothing but noise is left, a look at the best two is a check.
-            wanted = 2 if is_noise(state.fit) else N_SHARP
-            chosen = [(promise, promise.starts) for promise in _promising(promises, wanted)]
-        decided = bool(promises) and promises[0].drop > DECIDED
-        if bench.target.levels > 1 and misfit > NEARLY_RIGHT and not decided:
-            widely_scored = screen(bench, base, state.fit.theta, everyone, self.prior)
-            if not bench.target.believes_the_model:
-                widely_scored = [self._from_afar(state, one) for one in widely_scored]
-            chosen += self._down(_promising(sorted(widely_scored, key=lambda one: -one.drop), N_WIDE))
-            promises = promises or sorted(widely_scored, key=lambda one: -one.drop)
-        together: dict[str, tuple[Promise, list[Tensor]]] = {}
-        for promise, starts in chosen:
-            key = f"{promise.candidate.name} {promise.candidate.options}"
-            together.setdefault(key, (promise, []))[1].append(starts)
-        hypotheses = [
-            self._refit(state.model, one.candidate, one.label, torch.cat(starts)) for one, starts in together.values()
-        ]
-        hypotheses += [self._as_support(state, one) for one in _best_of_each(hypotheses) if one.name in GROUNDED]
-        return Looked(tuple(promises), tuple(_best_of_each(hypotheses)))
-
-    def _from_afar(self, state: State, promise: Promise) -> Promise:
-        """Starts spread over the box and the prior together, for an effect that may make another plate of it."""
-        wide = [one for one in promise.candidate.searched.values() if one.logarithmic and one.low > 0]
-        whole_plate = promise.candidate.effect.acts_on == {"section"} and not promise.candidate.has_place
-        if not whole_plate or not any(one.high / one.low > WIDE_PRIOR for one in wide):
-            return promise
-        whole = with_candidate(state.fit.model, promise.label, promise.candidate)
-        n = len(whole.names)
-        look = torch.cat([promise.starts, SobolEngine(n).draw(N_FAR, dtype=torch.float64).to(promise.starts)])
-        some = torch.cat([promise.starts[:1], look[-6:]])
-        problem = Problem(self.bench, self.bench.reduced(whole, whole.space.to_si(some)), self.prior)
-        value = problem.residual(look, 0).square().sum(-1)
-        starts, left = widely(problem, look[value.argsort()[:N_FAR_DESCEND]], keep=3)
-        given = Problem(self.bench, state.fit.reduced, self.prior)
-        position = given.model.space.to_cube(state.fit.theta)
-        before = 0.5 * float(given.residual(position, self.bench.target.levels - 2).square().sum())
-        return promise._replace(model=problem.model, starts=starts, drop=max(promise.drop, 1 - float(left[0]) / before))
-
-    def _down(self, promises: Sequence[Promise]) -> list[tuple[Promise, Tensor]]:
-        """Candidates taken down the wide levels; those that end near the best, with where they end."""
-        ends = []
-        for promise in promises:
-            starts, value = widely(Problem(self.bench, promise.model, self.prior), promise.starts, keep=2)
-            ends.append((float(value[0]), promise, starts))
-        ends.sort(key=lambda one: one[0])
-        kept = [one for rank, one in enumerate(ends[:N_SHARP]) if rank < 2 or one[0] <= NEAR**2 * ends[0][0]]
-        return [(promise, starts) for _, promise, starts in kept]
-
-    def _as_support(self, state: State, found: Hypothesis) -> Hypothesis:
-        """What is grounded at a place may be a further support: spring and dashpot at once, at a node."""
-        values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
-        at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", "stiffness", "viscous_damping")}
-        candidate = support_at(state.model, state.fit.theta, *at.values())
-        label = new_label(state.model, candidate.name)
-        whole = with_candidate(state.model, label, candidate)
-        self.say("refitting with support_spring")
-        start = start_of(whole, state.fit.theta, state.model, candidate.far[0].values, label)
-        return self._refit(state.model, candidate, label, start[None])
-
-    def _refit(self, model: PlateModel, candidate: Candidate, label: str, starts: Tensor) -> Hypothesis:
-        whole = with_candidate(model, label, candidate)
-        found = fit(self.bench, whole, starts, self.prior, wide=False)
-        self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
-        return Hypothesis(candidate, label, found)
 
     def _added(self, state: State, choice: Choice, hypothesis: Hypothesis | None = None) -> State:
         hypothesis = hypothesis or choice.best
@@ -410,26 +249,3 @@ def _worth_their_names(state: State) -> State:
             break
         state = state.previous
     return state
-
-
-def _promising(promises: Sequence[Promise], wanted: int) -> list[Promise]:
-    """The best names: the first option of each, a second that promises nearly as much, and what is parallel to them."""
-    best: dict[str, list[Promise]] = {}
-    for promise in promises:
-        own = best.setdefault(promise.candidate.name, [])
-        if not own or (len(own) == 1 and promise.drop >= SECOND * own[0].drop):
-            own.append(promise)
-    alike = dict(zip((id(promise) for promise in promises), twins(promises), strict=True))
-    ranked = sorted(best, key=lambda name: -best[name][0].drop)[:wanted]
-    names = [name for name in ranked if best[name][0].drop >= FAINT * best[ranked[0]][0].drop]
-    names += [other for name in names for other in alike[id(best[name][0])] if other in best]
-    return [promise for name in dict.fromkeys(names) for promise in best[name]]
-
-
-def _best_of_each(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Of every name the best."""
-    best: dict[str, Hypothesis] = {}
-    for one in hypotheses:
-        if one.name not in best or one.cost < best[one.name].cost:
-            best[one.name] = one
-    return list(best.values())

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -14,18 +13,16 @@ from torchplate.diagnosis.naming import LEAST_FALL, LEAST_PART, Hypothesis, is_n
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.noise import Noise
 from torchplate.diagnosis.screen import twins
+from torchplate.diagnosis.state import Looked, Naming, State, Travelled
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.workbench import Workbench, with_numbers
 from torchplate.model import PlateModel
-
-if TYPE_CHECKING:
-    from torchplate.diagnosis.road import Looked, Naming, State, Travelled
 
 # A gap of no more than this many noise floors is at the floor.
 AT_FLOOR = 1.1
 
 
-def summarise(seen: "Travelled", seconds: float) -> Diagnosis:
+def summarise(seen: Travelled, seconds: float) -> Diagnosis:
     """Everything that is reported.
 
     Args:
@@ -58,7 +55,7 @@ def summarise(seen: "Travelled", seconds: float) -> Diagnosis:
     )
 
 
-def _finer_mesh(seen: "Travelled") -> tuple[Named, ...]:
+def _finer_mesh(seen: Travelled) -> tuple[Named, ...]:
     """The mesh as a missing effect of its own, where its error shows."""
     bench, given, baseline = seen.bench, seen.given, seen.baseline.fit
     fall = given.cost - baseline.cost
@@ -74,7 +71,7 @@ def _finer_mesh(seen: "Travelled") -> tuple[Named, ...]:
     return (Named("mesh_discretisation", "mesh_discretisation", options, (), 0.99, {}, text, before, after),)
 
 
-def _verdict(bench: Workbench, noise: Noise | None, final: "State") -> Verdict:
+def _verdict(bench: Workbench, noise: Noise | None, final: State) -> Verdict:
     at_floor = is_noise(final.fit)
     if noise is not None:
         gap = float(bench.target.gap(final.fit.prediction))
@@ -84,7 +81,7 @@ def _verdict(bench: Workbench, noise: Noise | None, final: "State") -> Verdict:
     return "explained" if at_floor else "partly_explained"
 
 
-def _named(bench: Workbench, naming: "Naming") -> Named:
+def _named(bench: Workbench, naming: Naming) -> Named:
     hypothesis, choice = naming.hypothesis, naming.choice
     before, after = (float(bench.target.gap(one.prediction)) for one in (naming.before, hypothesis.fit))
     found = _estimates(hypothesis.fit)
@@ -142,7 +139,7 @@ def _gap(bench: Workbench, before: Fit, after: Fit) -> Gap:
     )
 
 
-def _steps(seen: "Travelled", finer: bool) -> tuple[Step, ...]:
+def _steps(seen: Travelled, finer: bool) -> tuple[Step, ...]:
     bench, final = seen.bench, seen.final
 
     def one(label: str, fit: Fit) -> Step:
@@ -159,7 +156,7 @@ def _steps(seen: "Travelled", finer: bool) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def _table(look: "Looked", effects: Sequence[Named], bench: Workbench) -> tuple[Scored, ...]:
+def _table(look: Looked, effects: Sequence[Named], bench: Workbench) -> tuple[Scored, ...]:
     """The score table of one look: of each effect the option that promises most."""
     alike = twins(look.promises)
     refits = {one.name: one for one in sorted(look.hypotheses, key=lambda one: -one.cost)}
@@ -184,7 +181,7 @@ def _table(look: "Looked", effects: Sequence[Named], bench: Workbench) -> tuple[
     return tuple(rows.values())
 
 
-def _location(bench: Workbench, noise: Noise | None, baseline: "State", final: "State") -> Location:
+def _location(bench: Workbench, noise: Noise | None, baseline: State, final: State) -> Location:
     target = bench.target
     if not isinstance(target, FrfTarget) or noise is None:
         return Location((), (), {}, None)
@@ -199,7 +196,7 @@ def _location(bench: Workbench, noise: Noise | None, baseline: "State", final: "
     )
 
 
-def _missing(bench: Workbench, noise: Noise | None, final: "State", verdict: Verdict) -> tuple[str, ...]:
+def _missing(bench: Workbench, noise: Noise | None, final: State, verdict: Verdict) -> tuple[str, ...]:
     """What is left without a name: how big, where, in which band, of which kind."""
     if verdict in ("consistent", "explained") or noise is None:
         return ()
@@ -218,7 +215,7 @@ def _missing(bench: Workbench, noise: Noise | None, final: "State", verdict: Ver
     return (size, *left.sentences)
 
 
-def _remarks(noise: Noise | None, final: "State") -> tuple[str, ...]:
+def _remarks(noise: Noise | None, final: State) -> tuple[str, ...]:
     sentences = list(() if noise is None else noise.sentences)
     model, theta = final.fit.model, final.fit.theta
     if len(model.names):

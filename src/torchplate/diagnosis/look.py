@@ -1,0 +1,141 @@
+"""One look over the whole catalogue: score every effect, take what promises most down, refit what ends near the best."""
+
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor
+from torch.quasirandom import SobolEngine
+
+from torchplate.diagnosis.candidate import Candidate, Channels, candidates, support_at
+from torchplate.diagnosis.fit import Prior, Problem, fit, widely
+from torchplate.diagnosis.naming import Hypothesis, is_noise
+from torchplate.diagnosis.screen import Scored, new_label, screen, start_of, twins
+from torchplate.diagnosis.state import Looked, State
+from torchplate.diagnosis.workbench import Workbench, with_candidate
+from torchplate.model import PlateModel
+
+# Candidates that go down the wide levels, by name, and that are refitted sharply: within so much of the best.
+N_WIDE, N_SHARP, NEAR = 7, 5, 6.0
+# What promises less than this part of the best is not refitted; and where peaks overlap and the best promises so much
+# of the misfit, wide levels are not asked.
+FAINT, DECIDED = 0.05, 0.5
+# A second option of the same effect is followed if it promises at least this part of the first's.
+SECOND = 0.6
+# Below this gap peaks of model and measurement overlap; below this mean square wide levels would show but noise.
+OVERLAPPING, NEARLY_RIGHT = 0.5, 2.5
+# An effect of the whole plate whose prior spans more than this factor is looked for all over its prior and the box
+# together, where the model is doubted: so many members, and so many of them that go down.
+WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
+# What sits at a place and goes to the ground.
+GROUNDED = frozenset({"ground_spring", "ground_dashpot"})
+
+
+class Look:
+    """Looks over the catalogue.
+
+    Args:
+        bench: builds and evaluates the models.
+        prior: what is known of the given model's parameters beforehand.
+        channels: what was measured.
+        say: is told what is being tried.
+    """
+
+    def __init__(self, bench: Workbench, prior: Prior, channels: Channels, say: Callable[[str], None]) -> None:
+        self.bench, self.prior, self.channels, self.say = bench, prior, channels, say
+
+    def at(self, state: State) -> Looked:
+        """Score the whole catalogue, and refit what promises most."""
+        bench = self.bench
+        base = bench.reduced(state.fit.model, state.fit.theta[None], by_element=True)
+        everyone = candidates(base, state.fit.theta, self.channels)
+        self.say(f"scoring {len(everyone)} candidates")
+        misfit, chosen, promises = state.fit.reduced_misfit, [], []
+        if bench.target.levels == 1 or float(bench.target.gap(state.fit.prediction)) < OVERLAPPING:
+            promises = screen(bench, base, state.fit.theta, everyone, self.prior, near=True)
+            # Where nothing but noise is left, a look at the best two is a check.
+            wanted = 2 if is_noise(state.fit) else N_SHARP
+            chosen = [(promise, promise.starts) for promise in _promising(promises, wanted)]
+        decided = bool(promises) and promises[0].drop > DECIDED
+        if bench.target.levels > 1 and misfit > NEARLY_RIGHT and not decided:
+            widely_scored = screen(bench, base, state.fit.theta, everyone, self.prior)
+            if not bench.target.believes_the_model:
+                widely_scored = [self._from_afar(state, one) for one in widely_scored]
+            chosen += self._down(_promising(sorted(widely_scored, key=lambda one: -one.drop), N_WIDE))
+            promises = promises or sorted(widely_scored, key=lambda one: -one.drop)
+        together: dict[str, tuple[Scored, list[Tensor]]] = {}
+        for promise, starts in chosen:
+            key = f"{promise.candidate.name} {promise.candidate.options}"
+            together.setdefault(key, (promise, []))[1].append(starts)
+        hypotheses = [
+            self._refit(state.model, one.candidate, one.label, torch.cat(starts)) for one, starts in together.values()
+        ]
+        hypotheses += [self._as_support(state, one) for one in _best_of_each(hypotheses) if one.name in GROUNDED]
+        return Looked(tuple(promises), tuple(_best_of_each(hypotheses)))
+
+    def _from_afar(self, state: State, promise: Scored) -> Scored:
+        """Starts spread over the box and the prior together, for an effect that may make another plate of it."""
+        wide = [one for one in promise.candidate.searched.values() if one.logarithmic and one.low > 0]
+        whole_plate = promise.candidate.effect.acts_on == {"section"} and not promise.candidate.has_place
+        if not whole_plate or not any(one.high / one.low > WIDE_PRIOR for one in wide):
+            return promise
+        whole = with_candidate(state.fit.model, promise.label, promise.candidate)
+        n = len(whole.names)
+        look = torch.cat([promise.starts, SobolEngine(n).draw(N_FAR, dtype=torch.float64).to(promise.starts)])
+        some = torch.cat([promise.starts[:1], look[-6:]])
+        problem = Problem(self.bench, self.bench.reduced(whole, whole.space.to_si(some)), self.prior)
+        value = problem.residual(look, 0).square().sum(-1)
+        starts, left = widely(problem, look[value.argsort()[:N_FAR_DESCEND]], keep=3)
+        given = Problem(self.bench, state.fit.reduced, self.prior)
+        position = given.model.space.to_cube(state.fit.theta)
+        before = 0.5 * float(given.residual(position, self.bench.target.levels - 2).square().sum())
+        return promise._replace(model=problem.model, starts=starts, drop=max(promise.drop, 1 - float(left[0]) / before))
+
+    def _down(self, promises: Sequence[Scored]) -> list[tuple[Scored, Tensor]]:
+        """Candidates taken down the wide levels; those that end near the best, with where they end."""
+        ends = []
+        for promise in promises:
+            starts, value = widely(Problem(self.bench, promise.model, self.prior), promise.starts, keep=2)
+            ends.append((float(value[0]), promise, starts))
+        ends.sort(key=lambda one: one[0])
+        kept = [one for rank, one in enumerate(ends[:N_SHARP]) if rank < 2 or one[0] <= NEAR**2 * ends[0][0]]
+        return [(promise, starts) for _, promise, starts in kept]
+
+    def _as_support(self, state: State, found: Hypothesis) -> Hypothesis:
+        """What is grounded at a place may be a further support: spring and dashpot at once, at a node."""
+        values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
+        at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", "stiffness", "viscous_damping")}
+        candidate = support_at(state.model, state.fit.theta, *at.values())
+        label = new_label(state.model, candidate.name)
+        whole = with_candidate(state.model, label, candidate)
+        self.say("refitting with support_spring")
+        start = start_of(whole, state.fit.theta, state.model, candidate.far[0].values, label)
+        return self._refit(state.model, candidate, label, start[None])
+
+    def _refit(self, model: PlateModel, candidate: Candidate, label: str, starts: Tensor) -> Hypothesis:
+        whole = with_candidate(model, label, candidate)
+        found = fit(self.bench, whole, starts, self.prior, wide=False)
+        self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
+        return Hypothesis(candidate, label, found)
+
+
+def _promising(promises: Sequence[Scored], wanted: int) -> list[Scored]:
+    """The best names: the first option of each, a second that promises nearly as much, and what is parallel to them."""
+    best: dict[str, list[Scored]] = {}
+    for promise in promises:
+        own = best.setdefault(promise.candidate.name, [])
+        if not own or (len(own) == 1 and promise.drop >= SECOND * own[0].drop):
+            own.append(promise)
+    alike = dict(zip((id(promise) for promise in promises), twins(promises), strict=True))
+    ranked = sorted(best, key=lambda name: -best[name][0].drop)[:wanted]
+    names = [name for name in ranked if best[name][0].drop >= FAINT * best[ranked[0]][0].drop]
+    names += [other for name in names for other in alike[id(best[name][0])] if other in best]
+    return [promise for name in dict.fromkeys(names) for promise in best[name]]
+
+
+def _best_of_each(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Of every name the best."""
+    best: dict[str, Hypothesis] = {}
+    for one in hypotheses:
+        if one.name not in best or one.cost < best[one.name].cost:
+            best[one.name] = one
+    return list(best.values())

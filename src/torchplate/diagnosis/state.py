@@ -1,0 +1,65 @@
+"""Where the road has come to, and everything it has seen."""
+
+from dataclasses import dataclass
+
+from torchplate.diagnosis.fit import Fit
+from torchplate.diagnosis.naming import Choice, Hypothesis
+from torchplate.diagnosis.noise import Noise
+from torchplate.diagnosis.screen import Scored
+from torchplate.diagnosis.workbench import Workbench
+from torchplate.model import PlateModel
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the road has come to.
+
+    Attributes:
+        model: the given one with the effects named so far, in all dofs.
+        fit: of it.
+        named: the effects, with what was known when each was named.
+        previous: before the last of them was added.
+    """
+
+    model: PlateModel
+    fit: Fit
+    named: tuple["Naming", ...] = ()
+    previous: "State | None" = None
+
+
+@dataclass(frozen=True)
+class Naming:
+    """An effect that was added, and why."""
+
+    hypothesis: Hypothesis
+    choice: Choice
+    before: Fit
+
+
+@dataclass(frozen=True)
+class Travelled:
+    """Everything the road has seen.
+
+    Attributes:
+        bench: what evaluated the models.
+        noise: of the FRFs; None for a table of natural frequencies.
+        given: the fit of the given model on its own mesh.
+        baseline: the given model on a mesh whose error is taken off.
+        final: the last model.
+        looks: over the catalogue, in the order they were taken.
+    """
+
+    bench: Workbench
+    noise: Noise | None
+    given: Fit
+    baseline: State
+    final: State
+    looks: tuple["Looked", ...]
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What one look over the catalogue gave."""
+
+    promises: tuple[Scored, ...]
+    hypotheses: tuple[Hypothesis, ...]
