@@ -59,23 +59,26 @@ def diagnose(
         )
     if evidence.measurement is not None:
         recipe.told("effects", model.check_channels)
+    if (table := evidence.natural_frequencies) is not None and int(table.mode.max()) > model.assembly.size:
+        raise recipe.error(
+            "measurement.natural_frequencies",
+            f"Expected modes up to {model.assembly.size}, as many as the mesh has, got mode {int(table.mode.max())}. "
+            "Raise mesh.refine, or leave it out.",
+        )
     folder = run_folder(recipe, out, resume=False)
     open_folder(recipe, folder, device)
     console.print(f"[bold]{recipe.path.stem}[/]")
     measurement = None if evidence.measurement is None else evidence.measurement.to(where)
     table = None if evidence.natural_frequencies is None else evidence.natural_frequencies.to(where)
-    found = recipe.told(
-        "measurement",
-        lambda: find_missing(
-            model,
-            measurement,
-            table,
-            tolerance=tolerances(recipe),
-            n_average=evidence.n_average,
-            gain_is_unknown=evidence.gain_is_unknown,
-            seed=recipe.config.search.seed,
-            say=lambda text: console.print(f"  {text}", style="dim", highlight=False),
-        ),
+    found = find_missing(
+        model,
+        measurement,
+        table,
+        tolerance=tolerances(recipe),
+        n_average=evidence.n_average,
+        gain_is_unknown=evidence.gain_is_unknown,
+        seed=recipe.config.search.seed,
+        say=lambda text: console.print(f"  {text}", style="dim", highlight=False),
     )
     write(recipe, found, folder, report, str(config))
     _say(console, found, folder)

@@ -76,7 +76,7 @@ class Problem:
         self.bench, self.model = bench, model
         known = [(model.names.index(name), *told) for name, told in prior.items() if name in model.names]
         self._index = [index for index, _, _ in known]
-        self._mean, self._std = (torch.tensor([row[k] for row in known]).to(model.known) for k in (1, 2))
+        self._mean, self._std = (model.known.new_tensor([row[k] for row in known]) for k in (1, 2))
 
     @property
     def target(self) -> Target:

@@ -33,10 +33,13 @@ def held_out(measured: Bool[Tensor, "n_response n_reference"], seed: int = 0) ->
         if int(heldout.sum()) == wanted:
             break
         left = measured & ~heldout
-        # A row or column of one FRF may go; the only two of one may not both.
-        if (left[j].sum() > 1 or measured[j].sum() == 1) and (left[:, k].sum() > 1 or measured[:, k].sum() == 1):
-            heldout[j, k] = True
+        heldout[j, k] = _can_spare(measured, left, j, k)
     return heldout
+
+
+def _can_spare(measured: Tensor, left: Tensor, j: int, k: int) -> bool:
+    """Whether a fit keeps an FRF of response j and of reference k; where there is only one, it may go."""
+    return bool((left[j].sum() > 1 or measured[j].sum() == 1) and (left[:, k].sum() > 1 or measured[:, k].sum() == 1))
 
 
 def exchanged(
@@ -58,6 +61,8 @@ def exchanged(
     chosen = heldout & ~odd
     spare = (measured & ~heldout).nonzero().tolist()
     order = sorted(spare, key=lambda pair: abs(float(misfit[pair[0], pair[1]]) - middle))
-    for j, k in order[: int(odd.sum())]:
-        chosen[j, k] = True
+    for j, k in order:
+        if int(chosen.sum()) == int(heldout.sum()):
+            break
+        chosen[j, k] = _can_spare(measured, measured & ~chosen, j, k)
     return chosen

@@ -1,4 +1,4 @@
-"""One look over the whole catalogue: score every effect, take what promises most down, refit what ends near the best."""
+"""One look over the whole catalogue: score every effect, take the best ones down, refit what ends near the best."""
 
 from collections.abc import Callable, Sequence
 
@@ -15,7 +15,7 @@ from torchplate.diagnosis.workbench import Workbench, with_candidate
 from torchplate.model import PlateModel
 
 # Candidates that go down the wide levels, by name, and that are refitted sharply: within so much of the best.
-N_WIDE, N_SHARP, NEAR = 7, 5, 6.0
+N_WIDE, N_SHARP, NEAR = 6, 5, 6.0
 # What promises less than this part of the best is not refitted; and where peaks overlap and the best promises so much
 # of the misfit, wide levels are not asked.
 FAINT, DECIDED = 0.05, 0.5

@@ -183,7 +183,14 @@ class Road:
             state = further
             if is_noise(state.fit):
                 break
-        return self._without_needless(_worth_their_names(state)), looks
+        return self._polished(self._without_needless(_worth_their_names(state))), looks
+
+    def _polished(self, state: State) -> State:
+        """The last model once more, with the mesh error taken off where it now is."""
+        if not state.named:
+            return state
+        start = state.model.space.to_cube(state.fit.theta)[None]
+        return replace(state, fit=fit(self.bench, state.model, start, self.prior, wide=False))
 
     def _explains_some(self, before: Fit, after: Fit) -> bool:
         """Whether an effect explains so much that looking for another beside it is worth the time."""

@@ -151,6 +151,8 @@ def _members(
 
 def _spread(model: PlateModel, theta: Tensor, base: PlateModel) -> Tensor:
     """The baseline's values in the order of a larger model; zero for what it does not have."""
+    if not len(model.names):
+        return theta.new_zeros(0)
     position = {name: index for index, name in enumerate(base.names)}
     return torch.stack([theta[position[name]] if name in position else theta.new_zeros(()) for name in model.names])
 

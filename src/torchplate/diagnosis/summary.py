@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 
 import torch
-from torch import Tensor
 
 from torchplate.diagnosis.fit import Fit
 from torchplate.diagnosis.ledger import Diagnosis, Estimate, Gap, Location, Named, Overlay, Scored, Step, Verdict
@@ -32,7 +31,9 @@ def summarise(seen: Travelled, seconds: float) -> Diagnosis:
     bench, noise, baseline, final = seen.bench, seen.noise, seen.baseline, seen.final
     verdict = _verdict(bench, noise, final)
     finer = _finer_mesh(seen)
-    effects = () if verdict in ("consistent", "unexplained") else tuple(_named(bench, one) for one in final.named)
+    effects = (
+        () if verdict in ("consistent", "unexplained") else tuple(_named(bench, one, final.fit) for one in final.named)
+    )
     sets = [(one.name, *one.equivalent) for one in effects]
     unexplained = verdict in ("unexplained", "partly_explained")
     n_frf = len(bench.target.measurement.pairs) if isinstance(bench.target, FrfTarget) else 0
@@ -58,6 +59,9 @@ def summarise(seen: Travelled, seconds: float) -> Diagnosis:
 def _finer_mesh(seen: Travelled) -> tuple[Named, ...]:
     """The mesh as a missing effect of its own, where its error shows."""
     bench, given, baseline = seen.bench, seen.given, seen.baseline.fit
+    if bench.mesh.extrapolate:
+        # It is mended already.
+        return ()
     fall = given.cost - baseline.cost
     if not baseline.believed or fall < LEAST_FALL or fall < LEAST_PART * given.cost:
         return ()
@@ -81,10 +85,10 @@ def _verdict(bench: Workbench, noise: Noise | None, final: State) -> Verdict:
     return "explained" if at_floor else "partly_explained"
 
 
-def _named(bench: Workbench, naming: Naming) -> Named:
+def _named(bench: Workbench, naming: Naming, final: Fit) -> Named:
     hypothesis, choice = naming.hypothesis, naming.choice
     before, after = (float(bench.target.gap(one.prediction)) for one in (naming.before, hypothesis.fit))
-    found = _estimates(hypothesis.fit)
+    found = _estimates(final)
     prefix = f"{hypothesis.label}."
     parameters = {name.removeprefix(prefix): one for name, one in found.items() if name.startswith(prefix)}
     equivalent = choice.equivalent
@@ -150,9 +154,10 @@ def _steps(seen: Travelled, finer: bool) -> tuple[Step, ...]:
     steps = [one("baseline", seen.given if finer else seen.baseline.fit)]
     if finer:
         steps.append(one("+ mesh_discretisation", seen.baseline.fit))
-    steps += [one(f"+ {naming.hypothesis.name}", naming.hypothesis.fit) for naming in final.named]
-    if final.named and final.fit is not final.named[-1].hypothesis.fit:
-        steps.append(one("without what was needless", final.fit))
+    fits = [naming.hypothesis.fit for naming in final.named]
+    # The last step is the last model, fitted once more where it has come to.
+    fits[-1:] = [final.fit] if fits else []
+    steps += [one(f"+ {naming.hypothesis.name}", found) for naming, found in zip(final.named, fits, strict=True)]
     return tuple(steps)
 
 
@@ -233,10 +238,6 @@ def _overlay(bench: Workbench, noise: Noise | None, before: Fit, after: Fit) -> 
 
 
 def _on_symmetry(model: PlateModel) -> bool:
-    """Whether all responses, or all references, lie on one line of symmetry of the plate."""
-
-    def on(points: Tensor) -> bool:
-        return any(bool(((points[:, axis] - 0.5).abs() < 1e-6).all()) for axis in (0, 1))
-
+    """Whether all responses and all references lie on one line of symmetry of the plate."""
     sides = [model.mesh.places(list(points)) for points in (model.response, model.reference) if points]
-    return bool(sides) and all(on(torch.as_tensor(side)) for side in sides)
+    return bool(sides) and bool(((torch.cat(sides) - 0.5).abs() < 1e-6).all(0).any())

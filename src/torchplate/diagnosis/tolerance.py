@@ -17,7 +17,10 @@ from torchplate.model import PlateModel, Searched
 
 # How far a number may leave its value, in standard deviations.
 REACH = 5.0
+# What must stay above zero stays above this part of itself.
+LEAST = 0.1
 SIDES = "sides"
+MESH = ("mesh.length_x", "mesh.length_y")
 
 
 class Held(NamedTuple):
@@ -44,7 +47,7 @@ def with_tolerances(model: PlateModel, tolerance: Mapping[str, float]) -> Held:
     """
     known = known_values(model)
     own = {key: std for key, std in tolerance.items() if not key.startswith("mesh.") and std > 0}
-    for key in own:
+    for key in (*own, *(key for key in tolerance if key.startswith("mesh.") and key not in MESH)):
         if key not in known:
             raise ValueError(f"No number named '{key}' in the model. It has: {', '.join(known)}. Correct its name.")
     sides = [
@@ -64,6 +67,11 @@ def with_tolerances(model: PlateModel, tolerance: Mapping[str, float]) -> Held:
     prior |= {key: (known[key], std) for key, std in own.items()}
     if not prior:
         return Held(model, {})
-    wanted = {key: Searched(mean - REACH * std, mean + REACH * std) for key, (mean, std) in prior.items()}
+    wanted = {}
+    for key, (mean, std) in prior.items():
+        label, _, name = key.rpartition(".")
+        allowed = effects[label].parameters[name].allowed
+        low = allowed.low + LEAST * mean if allowed.open_low else allowed.low
+        wanted[key] = Searched(max(mean - REACH * std, low), min(mean + REACH * std, allowed.high))
     rest = {key: value for key, value in known.items() if key not in wanted}
     return Held(rebuilt(model, effects, rest, searched(model) | wanted), prior)

@@ -27,6 +27,10 @@ from torchplate.plate import Assembly, Correction, Mesh
 MARGIN = 1.6
 # Modes closer than this, relative to their eigenvalue, are corrected together or not at all.
 CLUSTER = 2e-2
+# Least singular value of the products of both meshes' modes at which these are taken for the same.
+AGREED = 0.9
+# Modes this close, relative to the higher eigenvalue, may be mixed differently on the two meshes.
+NEAR = 0.2
 # Without a frequency, so many modes.
 N_MODE = 30
 
@@ -66,18 +70,27 @@ def extrapolate(
     top = 0.0 if frequency is None else MARGIN * frequency
     coarse, fine = SparseModel(model, theta), SparseModel(twice, theta)
     modes, better = coarse.modes(N_MODE, top), fine.modes(N_MODE, top)
-    count = min(len(modes.eigenvalue), len(better.eigenvalue))
-    for value in (modes.eigenvalue, better.eigenvalue):
-        # A mode beyond the cut whose twin is within it would be half corrected.
-        while count > 1 and count < len(value) and value[count] - value[count - 1] < CLUSTER * value[count]:
-            count -= 1
     # The last that the solver found may have a twin that it did not find.
-    count = max(1, count - 1) if count == min(len(modes.eigenvalue), len(better.eigenvalue)) else count
+    count = min(len(modes.eigenvalue), len(better.eigenvalue)) - 1
+    across = coarse.times_mass(modes.shape[:, :count]).mT @ better.shape[_common(model.mesh, twice.mesh)][:, :count]
+
+    def apart(value: Tensor) -> bool:
+        # A mode beyond the cut whose twin is within it would be half corrected.
+        return bool(value[count] - value[count - 1] >= CLUSTER * value[count])
+
+    while count > 1 and not (
+        apart(modes.eigenvalue)
+        and apart(better.eigenvalue)
+        and torch.linalg.svdvals(across[:count, :count])[-1] >= AGREED
+    ):
+        count -= 1
     shape, value = modes.shape[:, :count], modes.eigenvalue[:count]
     weighted = coarse.times_mass(shape)
     finer_shape = better.shape[_common(model.mesh, twice.mesh)][:, :count]
     across = weighted.mT @ finer_shape
-    left, _, right = torch.linalg.svd(across)
+    # Only close modes can be taken for each other: a small part of a high one would outweigh a low one's eigenvalue.
+    near = (value - value[:, None]).abs() <= NEAR * torch.maximum(value, value[:, None]).clamp(min=1e-3 * value[-1])
+    left, _, right = torch.linalg.svd(across * near)
     turn = left @ right
     change = 4 / 3 * ((turn * better.eigenvalue[:count]) @ turn.mT - torch.diag(value))
     plan = model.plan(theta)

@@ -39,12 +39,12 @@ class Correction(NamedTuple):
     shape: Float[Tensor, "n_free n_row"]
     rigidity: Float[Tensor, ""]
 
-    def scale(self, rigidity: Float[Tensor, "*batch n_element 3 3"], geometry: Geometry) -> Float[Tensor, "*batch"]:
+    def scale(self, rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry) -> Float[Tensor, "*batch"]:
         """The correction of other plates over that of this one."""
         return self.measure(rigidity, geometry) / self.rigidity.to(rigidity)
 
     @staticmethod
-    def measure(rigidity: Float[Tensor, "*batch n_element 3 3"], geometry: Geometry) -> Float[Tensor, "*batch"]:
+    def measure(rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry) -> Float[Tensor, "*batch"]:
         """√(D₁₁ D₂₂) / (Lx Ly), mean over the elements [N/m]."""
         mean = (rigidity[..., 0, 0] * rigidity[..., 1, 1]).sqrt().mean(-1)
         return mean / (geometry.length_x * geometry.length_y)
