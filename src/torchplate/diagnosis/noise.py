@@ -208,14 +208,17 @@ class _Fit:
 
     @property
     def slope(self) -> Float[Tensor, "n_line n_frf"]:
-        """|dH/df| of the poles, of whatever width: Σ R_r 2f / (q_r − f²)²."""
-        if not len(self.pole):
-            return torch.zeros_like(self.frf.real)
-        basis = self.final
-        amplitude = torch.linalg.solve_triangular(basis.upper, basis.q.mH @ self.target, upper=True)[: len(self.pole)]
+        """|dH/df| of the fit: of the poles, of whatever width, Σ R_r 2f / (q_r − f²)², and of the smooth part."""
+        basis, n_pole = self.final, len(self.pole)
+        amplitude = torch.linalg.solve_triangular(basis.upper, basis.q.mH @ self.target, upper=True)
         distance = self.pole - self.frequency.square()[:, None]
-        change = (2 * self.frequency[:, None] / distance.square()) @ (amplitude / basis.norm[:, None])
-        return change.abs()
+        change = (2 * self.frequency[:, None] / distance.square()) @ (amplitude[:n_pole] / basis.norm[:, None])
+        half = 0.5 * (self.frequency[-1] - self.frequency[0])
+        angle = ((self.frequency - self.frequency[0]) / half - 1).clamp(-1.0, 1.0).arccos().clamp(1e-4, math.pi - 1e-4)
+        order = torch.arange(N_SMOOTH).to(self.frequency)
+        # d cos(k θ) / dx = k sin(k θ) / sin θ.
+        smooth = order * (order * angle[:, None]).sin() / angle.sin()[:, None] / half
+        return (change + smooth.to(change) @ amplitude[n_pole:]).abs()
 
     def _first_level(self) -> Tensor:
         """First guess: a from second differences in the valleys, an upper bound; b of one per cent."""
