@@ -146,18 +146,6 @@ def test_a_mesh_that_is_too_coarse_is_said_and_mended(diagnosed):
     assert found.steps[1].label == "+ mesh_discretisation"
 
 
-def test_a_flipped_channel_is_found(diagnosed):
-    found = diagnosed("flipped").found
-    assert found.verdict == "explained"
-    (one,) = others(found)
-    assert one.name == "channel_polarity"
-    assert one.options == {"channels": ((None, 9),)}
-    assert one.parameters == {}
-    # Where that channel sits stands first in the location, too.
-    worst = found.location.channels[:2]
-    assert all(row.reference.startswith("9") for row in worst)
-
-
 def test_twins_are_named_as_a_set(diagnosed):
     """A free plate of another density is, at another modulus, one of another thickness or a chain of another gain."""
     found = diagnosed("twins").found
@@ -168,23 +156,6 @@ def test_twins_are_named_as_a_set(diagnosed):
     assert not together & {"point_mass", "time_delay", "channel_polarity", "orthotropy", "aspect_ratio"}
     assert "weigh" in found.next_measurements[0]
     assert all(name in one.evidence for name in one.equivalent)
-
-
-def test_two_effects_are_found(diagnosed):
-    found = diagnosed("two").found
-    assert found.verdict == "explained"
-    assert found.gap.final == pytest.approx(found.gap.noise_floor, rel=0.1)
-    assert found.gap.heldout_final == pytest.approx(found.gap.noise_floor, rel=0.25)
-    named = {one.name: one for one in others(found)}
-    assert set(named) == {"point_mass", "channel_polarity"}
-    mass = named["point_mass"]
-    assert mass.equivalent == ()
-    for name, true in (("x", 0.72), ("y", 0.31), ("mass", 0.06)):
-        told = mass.parameters[name]
-        # Five standard errors, and what the meshes leave of a place so near to a force.
-        assert told.std is not None
-        assert abs(told.value - true) < 5 * told.std + 0.02 * true
-    assert named["channel_polarity"].options == {"channels": ((None, 9),)}
 
 
 def test_what_the_catalogue_does_not_hold_is_said_to_be_missing(diagnosed):

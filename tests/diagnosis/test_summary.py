@@ -66,7 +66,7 @@ def test_the_verdict_follows_from_what_is_left(lab, off, n_named, expected):
 def test_a_parameter_on_the_edge_of_its_interval_is_said(lab):
     for young, said in ((2.4999e11, True), (1.50001e11, True), (2.05e11, False)):
         ended = Ended(lab, young=young)
-        sentences = _remarks(ended.noise, ended.state)
+        sentences = _remarks(ended.noise, ended.state, {})
         assert sentences[: len(ended.noise.sentences)] == tuple(ended.noise.sentences)
         assert any("plate.youngs_modulus sits on the edge" in one for one in sentences) == said
 

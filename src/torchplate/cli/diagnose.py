@@ -1,6 +1,7 @@
 """`torchplate diagnose`: where model and measurement disagree, the effect that is missing, and the model with it."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -127,6 +128,11 @@ def _updated(recipe: Run, found: Diagnosis, folder: Path) -> dict[str, Any]:
     for label, values in by_label.items():
         effects[label] |= values
     raw["effects"] = effects
+    # What was found was found on a finer mesh whose error is taken off, whether or not that was worth a name.
+    split = math.prod(
+        int(body.get("refine", 2)) for body in effects.values() if body["effect"] == "mesh_discretisation"
+    )
+    raw["mesh"] = dict(raw["mesh"]) | {"refine": found.model.mesh.refine // split, "extrapolate": True}
     raw["search"] = {key: value for key, value in dict(raw.get("search", {})).items() if key == "seed"}
     return raw
 

@@ -5,6 +5,7 @@ likelihood. Where the parameters move, the basis of the start is no longer that 
 the fit goes on until that changes nothing.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.diagnosis.target import Misfit, Target
+from torchplate.diagnosis.target import DOUBTFUL, Misfit, Target
 from torchplate.diagnosis.workbench import Workbench
 from torchplate.model import PlateModel
 from torchplate.search.least_squares import least_squares
@@ -56,8 +57,16 @@ class Fit(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Everything that speaks against it: fitted and held-out residuals, and tolerances broken."""
-        return float(self.misfit.fitted + self.misfit.heldout) + self.prior
+        """Everything that speaks against it: fitted and held-out residuals, and tolerances broken.
+
+        Twice the negative logarithm of the likelihood: at the noise as it is; or, where the model is doubted, at the
+        one level of what it leaves that is likeliest, n ln(SSR / n).
+        """
+        square = float(self.misfit.fitted + self.misfit.heldout)
+        if self.believed:
+            return square + self.prior
+        total = self.misfit.n_fitted + self.misfit.n_heldout
+        return total * (1 + math.log(max(square, 1e-300) / total)) + self.prior
 
 
 Prior = Mapping[str, tuple[float, float]]
@@ -94,7 +103,9 @@ class Problem:
         sharp = level == self.target.levels - 1
         if not self._index or (not sharp and self.target.believes_the_model):
             return found
-        weight = 1.0 if sharp else TOLD_PART * found.shape[-1] ** 0.5
+        # Where the level of what is left is not known, it scales what is known beforehand.
+        by_level = 1.0 if self.target.believes_the_model else DOUBTFUL**0.5
+        weight = by_level if sharp else TOLD_PART * found.shape[-1] ** 0.5
         return torch.cat([found, weight * self.told(theta)], dim=-1)
 
     def told(self, theta: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n_prior"]:

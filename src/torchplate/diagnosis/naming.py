@@ -20,7 +20,7 @@ EQUIVALENT = 14.0
 # An effect is taken where it takes this part of all that speaks against the model, and at least so much.
 LEAST_PART, LEAST_FALL = 0.04, 60.0
 # The same where the model is doubted: independent numbers are few then.
-LEAST_FALL_IN_DOUBT = 14.0
+LEAST_FALL_IN_DOUBT = 8.0
 # A doubted model counts as one that leaves so much.
 DOUBT = 20.0
 # Held-out residuals may rise by this part of the whole fall.
@@ -83,7 +83,7 @@ def choose(hypotheses: Sequence[Hypothesis]) -> Choice:
     """The best of some hypotheses, at least one, and its equivalents."""
     ranked = sorted(hypotheses, key=lambda one: one.cost)
     best = ranked[0]
-    unit = max(1.0, best.fit.reduced_misfit)
+    unit = max(1.0, best.fit.reduced_misfit) if best.fit.believed else 1.0
     equivalent, others = [], []
     for other in ranked[1:]:
         if other.name == best.name:
@@ -118,9 +118,10 @@ def confidence(margin: float, misfit: float) -> float:
 
 def is_needed(before: Fit, after: Hypothesis) -> bool:
     """Whether an effect takes enough from what speaks against the model, on held-out FRFs too."""
+    if not after.fit.believed:
+        return before.cost - after.cost > LEAST_FALL_IN_DOUBT + after.price - PRICE
     unit = max(1.0, after.fit.reduced_misfit)
     fall = before.cost - after.cost
     # Held-out FRFs may object; one that the missing effect hardly touches may rise a little while all others fall.
     held = float(after.fit.misfit.heldout) - float(before.misfit.heldout) < HELD * fall
-    least = LEAST_FALL if after.fit.believed else LEAST_FALL_IN_DOUBT
-    return held and fall / unit > least and fall > LEAST_PART * before.cost
+    return held and fall / unit > LEAST_FALL and fall > LEAST_PART * before.cost

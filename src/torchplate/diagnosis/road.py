@@ -36,8 +36,9 @@ LARGE_PART = 0.5
 # A second effect is looked for beside one that leaves at most this part of the gap, or of what spoke against the model;
 # and beside the second best too, if no more than so many times as much speaks against it.
 SMALLER_GAP, SMALLER_COST, BESIDE = 0.75, 0.3, 6.0
-# Mean square of what is left beyond which the model as such is doubted.
-FAR_OFF = 20.0
+# Mean square of what is left beyond which the model as such is doubted, where there are fewer FRFs than this: several
+# FRFs say plainly that nothing of the catalogue explains them, one or two do not.
+FAR_OFF, FEW = 20.0, 3
 
 
 @torch.no_grad()
@@ -84,10 +85,13 @@ def diagnose(
     baseline = road.baseline()
     given = road.as_given(baseline)
     state, looks = road.travel(baseline, most_effects)
-    if isinstance(target, FrfTarget) and state.fit.reduced_misfit > FAR_OFF:
+    few = measurement is None or len(measurement.pairs) < FEW
+    if few and state.fit.reduced_misfit > FAR_OFF:
         baseline = road.doubting(baseline)
         state, looks = road.travel(baseline, most_effects)
-    return summarise(Travelled(road.bench, noise, given, baseline, state, tuple(looks)), time.monotonic() - began)
+    return summarise(
+        Travelled(road.bench, noise, given, baseline, state, tuple(looks), road.prior), time.monotonic() - began
+    )
 
 
 class Road:
@@ -129,13 +133,12 @@ class Road:
     def doubting(self, baseline: State) -> State:
         """The baseline again, where what is left is far above the noise, weighed by what the model as such leaves."""
         bench, target, model = self.bench, self.bench.target, baseline.model
-        assert isinstance(target, FrfTarget)
         self.say("what is left is far above the noise: the model itself is doubted from here on")
         frequency = bench.corrected(model, baseline.fit.theta).frequency
-        in_band = int(((frequency >= float(target.frequency[0])) & (frequency <= bench.top)).sum())
+        in_band = int((frequency <= bench.top).sum())
         target.doubt_the_model(baseline.fit.prediction, max(1, in_band))
         start = model.space.to_cube(baseline.fit.theta)[None]
-        return State(model, fit(bench, model, start, self.prior, wide=True))
+        return State(model, fit(bench, model, start, self.prior, wide=target.levels > 1))
 
     def _first_look(self, model: PlateModel, middle: Tensor) -> Tensor:
         """Where to begin: members spread over the box, the best of them down the wide levels."""
@@ -195,13 +198,17 @@ class Road:
     def _explains_some(self, before: Fit, after: Fit) -> bool:
         """Whether an effect explains so much that looking for another beside it is worth the time."""
         gaps = [float(self.bench.target.gap(one.prediction)) for one in (before, after)]
-        return gaps[1] <= SMALLER_GAP * gaps[0] or after.cost <= SMALLER_COST * before.cost
+        return gaps[1] <= SMALLER_GAP * gaps[0] or (after.believed and after.cost <= SMALLER_COST * before.cost)
 
     def _pairs(self, state: State, look: Looked, single: State, looks: list[Looked]) -> State | None:
         ranked = sorted(look.hypotheses, key=lambda one: one.cost)
         beam: list[State] = [single]
         for other in ranked[1:]:
-            if len(beam) >= N_BEAM or other.name == ranked[0].name or other.cost > BESIDE * ranked[0].cost:
+            if (
+                len(beam) >= N_BEAM
+                or other.name == ranked[0].name
+                or other.fit.reduced_misfit > BESIDE * ranked[0].fit.reduced_misfit
+            ):
                 continue
             if is_needed(state.fit, other) and self._explains_some(state.fit, other.fit):
                 beam.append(
@@ -252,7 +259,7 @@ class Road:
 def _worth_their_names(state: State) -> State:
     """Without the last effects, where something else is missing still and they only stand in for a little of it."""
     while state.previous is not None and not is_noise(state.fit):
-        if state.fit.cost <= LARGE_PART * state.previous.fit.cost:
+        if not state.fit.believed or state.fit.cost <= LARGE_PART * state.previous.fit.cost:
             break
         state = state.previous
     return state

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.diagnosis.fit import Fit
+from torchplate.diagnosis.fit import Fit, Prior
 from torchplate.diagnosis.naming import Choice, Hypothesis
 from torchplate.diagnosis.noise import Noise
 from torchplate.diagnosis.screen import Scored
@@ -47,6 +47,7 @@ class Travelled:
         baseline: the given model on a mesh whose error is taken off.
         final: the last model.
         looks: over the catalogue, in the order they were taken.
+        prior: what was known of the parameters beforehand.
     """
 
     bench: Workbench
@@ -55,6 +56,7 @@ class Travelled:
     baseline: State
     final: State
     looks: tuple["Looked", ...]
+    prior: Prior
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import torch
 
-from torchplate.diagnosis.fit import Fit
+from torchplate.diagnosis.fit import Fit, Prior
 from torchplate.diagnosis.ledger import Diagnosis, Estimate, Gap, Location, Named, Overlay, Scored, Step, Verdict
 from torchplate.diagnosis.localise import localise
 from torchplate.diagnosis.naming import LEAST_FALL, LEAST_PART, Hypothesis, is_noise
@@ -13,12 +13,16 @@ from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.noise import Noise
 from torchplate.diagnosis.screen import twins
 from torchplate.diagnosis.state import Looked, Naming, State, Travelled
-from torchplate.diagnosis.target import FrfTarget
+from torchplate.diagnosis.target import FrequencyTarget, FrfTarget
 from torchplate.diagnosis.workbench import Workbench, with_numbers
 from torchplate.model import PlateModel
 
 # A gap of no more than this many noise floors is at the floor.
 AT_FLOOR = 1.1
+# A number that ends so many standard deviations from what is known of it is remarked.
+BROKEN = 3.0
+# Modes that are named where a table is left unexplained.
+N_WORST = 4
 
 
 def summarise(seen: Travelled, seconds: float) -> Diagnosis:
@@ -46,7 +50,7 @@ def summarise(seen: Travelled, seconds: float) -> Diagnosis:
         scores=tuple(_table(one, effects, bench) for one in seen.looks),
         steps=_steps(seen, bool(finer)),
         missing=_missing(bench, noise, final, verdict),
-        remarks=_remarks(noise, final),
+        remarks=_remarks(noise, final, seen.prior),
         next_measurements=tuple(next_measurements(sets, unexplained, 0 < n_frf < 3, symmetric)),
         parameters=_estimates(final.fit),
         model=with_numbers(final.fit.model, final.fit.theta),
@@ -67,10 +71,13 @@ def _finer_mesh(seen: Travelled) -> tuple[Named, ...]:
         return ()
     before, after = (float(bench.target.gap(one.prediction)) for one in (given, baseline))
     cells = " × ".join(str(cell) for cell in bench.mesh.cells)
-    text = (
-        f"On {cells} elements, with the error of the natural frequencies extrapolated, the fitted model's gap is "
-        f"{_percent(after)} instead of {_percent(before)}."
-    )
+    if after < before:
+        shown = f"gap is {_percent(after)} instead of {_percent(before)}"
+    else:
+        shown = (
+            f"misfit is {baseline.reduced_misfit:.3g} times what noise explains, not {given.reduced_misfit:.3g} times"
+        )
+    text = f"On {cells} elements, with the error of the natural frequencies extrapolated, the fitted model's {shown}."
     options = {"refine": bench.split, "extrapolate": True}
     return (Named("mesh_discretisation", "mesh_discretisation", options, (), 0.99, {}, text, before, after),)
 
@@ -203,10 +210,16 @@ def _location(bench: Workbench, noise: Noise | None, baseline: State, final: Sta
 
 def _missing(bench: Workbench, noise: Noise | None, final: State, verdict: Verdict) -> tuple[str, ...]:
     """What is left without a name: how big, where, in which band, of which kind."""
-    if verdict in ("consistent", "explained") or noise is None:
-        return ()
     target = bench.target
+    if verdict in ("consistent", "explained"):
+        return ()
+    if isinstance(target, FrequencyTarget):
+        off = target.residual(final.fit.prediction, 0)
+        worst = off.abs().argsort(descending=True)[:N_WORST].tolist()
+        named = ", ".join(f"mode {int(target.mode[k]) + 1} by {-float(off[k]):+.1f}" for k in worst)
+        return (f"In standard deviations of the table, the model is off in {named}.",)
     assert isinstance(target, FrfTarget)
+    assert noise is not None
     gap = float(target.gap(final.fit.prediction))
     left = localise(
         target.measurement,
@@ -220,9 +233,16 @@ def _missing(bench: Workbench, noise: Noise | None, final: State, verdict: Verdi
     return (size, *left.sentences)
 
 
-def _remarks(noise: Noise | None, final: State) -> tuple[str, ...]:
+def _remarks(noise: Noise | None, final: State, prior: Prior) -> tuple[str, ...]:
     sentences = list(() if noise is None else noise.sentences)
     model, theta = final.fit.model, final.fit.theta
+    values = dict(zip(model.names, theta.tolist(), strict=True))
+    for name, (mean, std) in prior.items():
+        if name in values and abs(values[name] - mean) > BROKEN * std:
+            sentences.append(
+                f"{name} ends at {values[name]:.4g}, {abs(values[name] - mean) / std:.1f} standard deviations from the "
+                f"{mean:.4g} that is known of it: do not believe it; something else is missing."
+            )
     if len(model.names):
         for name, on in zip(model.names, model.space.at_bound(theta).tolist(), strict=True):
             if on:

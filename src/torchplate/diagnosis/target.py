@@ -59,10 +59,17 @@ class Target(ABC):
 
     levels: int
 
-    @property
-    def believes_the_model(self) -> bool:
-        """Whether residuals are weighed by the noise, and not by what the model as such leaves."""
-        return True
+    # Whether residuals are weighed by the noise, and not by what the model as such leaves.
+    believes_the_model: bool = True
+
+    @abstractmethod
+    def doubt_the_model(self, prediction: Tensor, n_mode: int) -> None:
+        """Weigh residuals by what no effect of the catalogue explains, where that is far above the noise.
+
+        Args:
+            prediction: of the baseline, whose mean square becomes `DOUBTFUL`.
+            n_mode: modes in the band.
+        """
 
     @abstractmethod
     def predict(self, model: PlateModel, theta: Tensor) -> Tensor:
@@ -156,24 +163,15 @@ class FrfTarget(Target):
         self.model_variance = 0.5 * (moved.square() + ROUNDING**2 * power + part.square() * around)
         self._around = around
 
-    @property
-    def believes_the_model(self) -> bool:
-        """Whether residuals are weighed by the noise, and not by what the model as such leaves."""
-        return self.independent == 1.0
-
     def doubt_the_model(self, prediction: Tensor, n_mode: int) -> None:
         """Weigh residuals by what no effect of the catalogue explains, where that is far above the noise.
 
         A real plate is never quite the model. What is left of it then is not independent from line to line: an FRF says
-        about two numbers of each mode in the band, and one FRF more than there are says where they come from. The level
-        of the model's error, a part of the level around each line, is such that the baseline's mean square is
-        `DOUBTFUL`.
-
-        Args:
-            prediction: of the baseline.
-            n_mode: modes in the band.
+        about two numbers of each mode in the band, and one FRF more than there are says where they come from. The
+        model's error is a part of the level around each line.
         """
         assert self._around is not None
+        self.believes_the_model = False
         known = self.model_variance
         low, high = 1e-4, 10.0
         for _ in range(40):
@@ -251,7 +249,14 @@ class FrequencyTarget(Target):
         self.table, self.levels = table, 1
         self.mode = table.mode - 1
         std = relative_std * table.frequency
-        self.std = std if table.std is None else torch.where(table.std > 0, table.std, std)
+        self._noise = std if table.std is None else torch.where(table.std > 0, table.std, std)
+        self.std = self._noise
+
+    def doubt_the_model(self, prediction: Tensor, n_mode: int) -> None:  # noqa: ARG002
+        """All standard deviations grow alike."""
+        self.believes_the_model = False
+        square = self.misfit(prediction)
+        self.std = self.std * (float(square.fitted) / square.n_fitted / DOUBTFUL) ** 0.5
 
     def predict(self, model: PlateModel, theta: Tensor) -> Tensor:
         """The natural frequencies of the same modes [Hz]."""
@@ -274,7 +279,7 @@ class FrequencyTarget(Target):
     @property
     def floor(self) -> float:
         """What the standard deviations alone make the gap."""
-        return float((self.std / self.table.frequency).square().mean().sqrt())
+        return float((self._noise / self.table.frequency).square().mean().sqrt())
 
 
 def _centres(frequency: Float[Tensor, " n_frequency"], width: float) -> Float[Tensor, " n_smooth"]:
