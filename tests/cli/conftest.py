@@ -190,7 +190,14 @@ class Finished:
         air = {"effects.air": {"effect": "viscous_damping", "mass_coefficient": 20.0}}
         analyser = {"like": "sr785", "n_line": 400, "exponential_window": None, "force_window": None, "bits": None}
         analyser |= {"noise_floor": [0.0, 0.0], "n_pre_trigger": 16, "n_average": 1}
-        modal_test = {"analyser": analyser, "response": [4], "reference": [1, 6, 10], "refine": 1, "seed": 5}
+        modal_test = {
+            "analyser": analyser,
+            "response": [4],
+            "reference": [1, 6, 10],
+            "refine": 1,
+            "extrapolate": False,
+            "seed": 5,
+        }
         simulated = config(changes=air | {"modal_test": modal_test, "measurement": {}})
         self.simulated = bench.write(simulated, "truth.yaml")
         self.simulate_status = main(["simulate", str(self.simulated), "--out", str(folder / "test.uff")])

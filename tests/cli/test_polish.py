@@ -23,5 +23,7 @@ def test_a_finish_that_raises_the_objective_is_not_taken(bench):
     plain = bench.run(searched, changes, out="plain")
     polished = bench.run(searched, changes | {"search.polish": True}, out="polished")
     assert plain.result["objective"] > 1e-2
-    assert polished.result["objective"] == plain.result["objective"]
-    assert polished.result["parameters"] == plain.result["parameters"]
+    # To what least squares may gain by rounding: taken all the same, the finish raises the objective by far more.
+    assert polished.result["objective"] == pytest.approx(plain.result["objective"], rel=1e-9)
+    value = [one.result["parameters"]["plate.youngs_modulus"]["value"] for one in (polished, plain)]
+    assert value[0] == pytest.approx(value[1], rel=1e-6)

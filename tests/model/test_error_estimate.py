@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from torchplate.model import Searched, basis_error, error_estimate, estimated_error, fine_mesh
-from torchplate.model.reduced_basis import _basis
+from torchplate.model.reduced_basis import ritz_basis
 from torchplate.plate import Mesh
 
 BOX = {
@@ -22,7 +22,7 @@ def made(plates, mesh: Mesh, kind: str = "accelerance", margin: float = 1.3):
     )
     frequency = torch.linspace(0.3, 7.0, 160, dtype=torch.float64) * plates.first_bending(mesh)
     middle = model.space.to_si(torch.full((1, len(model.names)), 0.5, dtype=torch.float64))
-    reduced = model.projected(_basis(model, middle, frequency, 0, margin))
+    reduced = model.projected(ritz_basis(model, middle, frequency, 0, margin))
     generator = torch.Generator().manual_seed(3)
     theta = model.space.to_si(torch.rand(7, len(model.names), generator=generator, dtype=torch.float64))
     return model, reduced, theta, frequency

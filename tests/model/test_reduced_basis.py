@@ -155,7 +155,7 @@ def test_close_modes_are_kept_or_left_together(monkeypatch, dense):
     pairs = [n for n in range(5, 23) if frequency[n] / frequency[n - 1] - 1 < 1e-6]
     assert len(pairs) >= 2
     for n in pairs:
-        basis = reduced_basis._basis(model, nothing, None, n, 1.0)
+        basis = reduced_basis.ritz_basis(model, nothing, None, n, 1.0)
         assert basis.shape[1] == n + 1
         found = model.projected(basis).natural_frequencies(nothing[0], n + 1)
         # Both of the pair are there, up to rounding.
@@ -165,7 +165,7 @@ def test_close_modes_are_kept_or_left_together(monkeypatch, dense):
 def test_the_basis_is_orthonormal_in_the_mass_of_the_first_member():
     model = plate(MESHES["rectangle"])
     theta = members(model, 2)
-    basis = reduced_basis._basis(model, theta, FREQUENCY, 0, 2.0)
+    basis = reduced_basis.ritz_basis(model, theta, FREQUENCY, 0, 2.0)
     gram = basis.mT @ SparseModel(model, theta[0]).times_mass(basis)
     # Directions down to 1e-11 of the strongest are kept, in the square of their length: rounding grows by 1e5.5.
     assert float((gram - torch.eye(len(gram), dtype=torch.float64)).abs().max()) < 1e-4

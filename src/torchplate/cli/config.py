@@ -126,6 +126,7 @@ class ModalTestConfig(_Strict):
     reference: list[int | tuple[float, float]] | None = None
     kind: Literal["receptance", "mobility", "accelerance"] = "accelerance"
     refine: int = Field(default=3, gt=0)
+    extrapolate: bool = True
     seed: int = Field(default=0, ge=0, lt=2**63)
 
 

@@ -196,7 +196,7 @@ def _solve_modal(
     hysteretic: Tensor,
 ) -> Tensor:
     """α where the damping couples the modes: complex modes where these are the same at all lines, else solves."""
-    if _has_complex_modes(proportional):
+    if _has_complex_modes(proportional, eigenvalue, hysteretic):
         return _by_complex_modes(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, hysteretic)
     real, imaginary = modal_denominator(eigenvalue, proportional, laplace)
     coupling = (dashpot.mT @ (viscous[..., None] * dashpot))[..., None, :, :]
@@ -206,11 +206,13 @@ def _solve_modal(
     return response[..., None, :, :].to(impedance) @ motion
 
 
-def _has_complex_modes(proportional: Proportional) -> bool:
+def _has_complex_modes(proportional: Proportional, *matrices: Tensor) -> bool:
     """Whether the same complex modes serve all lines: K is times one number at all of them."""
     if torch.is_grad_enabled():
         return False
     try:
+        for matrix in matrices:
+            bool(matrix.any())
         return not bool(torch.as_tensor(proportional.stiffness_coefficient).any())
     except RuntimeError:
         # Under `vmap` nobody may look.
