@@ -53,6 +53,17 @@ def test_twins_within_the_threshold_stand_beside_it_and_others_do_not():
         assert found.margin == pytest.approx(1.02 * EQUIVALENT)
 
 
+def test_a_second_best_that_is_followed_is_no_twin_or_rival_of_itself():
+    best, followed, near = (
+        hypothesis(*one) for one in (("density", 900.0), ("thickness", 2000.0), ("orthotropy", 2005.0, 1))
+    )
+    found = choose([best, followed, near], followed)
+    assert (found.best.name, found.equivalent) == ("thickness", ("orthotropy",))
+    assert found.next_best is not None
+    assert found.next_best.name == "density"
+    assert found.confidence < 0.1
+
+
 def test_what_leaves_much_knows_less_of_what_is_small():
     # Four times the noise is left: differences count a quarter.
     square = 4.0 * (N_FITTED + N_HELDOUT)

@@ -161,6 +161,8 @@ def test_twins_are_named_as_a_set(diagnosed):
 def test_what_the_catalogue_does_not_hold_is_said_to_be_missing(diagnosed):
     found = diagnosed("beyond").found
     assert found.verdict in ("unexplained", "partly_explained")
+    # The contract: what is unexplained names nothing, a finer mesh neither.
+    assert (found.effects == ()) == (found.verdict == "unexplained")
     assert bool(others(found)) == (found.verdict == "partly_explained")
     assert len(found.missing) >= 2
     assert all(sentence.endswith(".") for sentence in found.missing)

@@ -6,7 +6,7 @@ the fit goes on until that changes nothing.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
@@ -147,7 +147,6 @@ def fit(
     start: Float[Tensor, "n_start n"],
     prior: Prior | None = None,
     wide: bool = True,
-    beside: Sequence[Float[Tensor, " n"]] = (),
 ) -> Fit:
     """Fit a model from several starts.
 
@@ -157,7 +156,6 @@ def fit(
         start: positions on the unit cube, the best one first.
         prior: what is known of its parameters beforehand.
         wide: whether to begin at the wide levels.
-        beside: further members that the first basis is to hold, in SI units.
     """
     prior = prior or {}
     if not model.names:
@@ -168,8 +166,7 @@ def fit(
         theta = model.space.to_si(position)
         if turn == 0:
             corrected = bench.corrected(model, theta)[0]
-        members = torch.stack([theta, *(beside if turn == 0 else ())])
-        reduced = bench.reduced(corrected, members)
+        reduced = bench.reduced(corrected, theta[None])
         problem = Problem(bench, reduced, prior)
         starts = start if turn == 0 else position[None]
         if turn == 0 and wide and bench.target.levels > 1:

@@ -37,7 +37,6 @@ class Hypothesis:
         candidate: the effect.
         label: in the model.
         fit: of the model.
-        n_parameter: that the effect brings.
     """
 
     candidate: Candidate
@@ -79,16 +78,21 @@ class Choice:
     confidence: float
 
 
-def choose(hypotheses: Sequence[Hypothesis]) -> Choice:
-    """The best of some hypotheses, at least one, and its equivalents."""
+def choose(hypotheses: Sequence[Hypothesis], best: Hypothesis | None = None) -> Choice:
+    """The best of some hypotheses, at least one, and its equivalents.
+
+    Args:
+        hypotheses: all of them.
+        best: the one to name, where it is not the one that least speaks against; left out, it is that one.
+    """
     ranked = sorted(hypotheses, key=lambda one: one.cost)
-    best = ranked[0]
+    best = best or ranked[0]
     unit = max(1.0, best.fit.reduced_misfit) if best.fit.believed else 1.0
     equivalent, others = [], []
-    for other in ranked[1:]:
+    for other in ranked:
         if other.name == best.name:
             continue
-        if (other.cost - best.cost) / unit <= EQUIVALENT:
+        if abs(other.cost - best.cost) / unit <= EQUIVALENT:
             equivalent.append(other.name)
         else:
             others.append(other)
@@ -113,7 +117,7 @@ def confidence(margin: float, misfit: float) -> float:
     """
     certain = 1 / (1 + math.exp(-min(50.0, (margin - EQUIVALENT) / 20.0)))
     # What is still unexplained may be what the name really stands for.
-    return 0.98 * (0.5 + 0.5 * (2 * certain - 1)) * min(1.0, (NOISE_ONLY / max(misfit, 1e-9)) ** 0.25)
+    return 0.98 * certain * min(1.0, (NOISE_ONLY / max(misfit, 1e-9)) ** 0.25)
 
 
 def is_needed(before: Fit, after: Hypothesis) -> bool:

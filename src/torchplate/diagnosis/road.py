@@ -17,7 +17,7 @@ from torchplate.diagnosis.fit import Fit, Problem, fit, widely
 from torchplate.diagnosis.holdout import exchanged, held_out
 from torchplate.diagnosis.ledger import Diagnosis
 from torchplate.diagnosis.look import Look
-from torchplate.diagnosis.naming import Choice, Hypothesis, choose, is_needed, is_noise
+from torchplate.diagnosis.naming import Choice, choose, is_needed, is_noise
 from torchplate.diagnosis.noise import Noise, noise_level
 from torchplate.diagnosis.state import Looked, Naming, State, Travelled
 from torchplate.diagnosis.summary import summarise
@@ -172,19 +172,13 @@ class Road:
             if not is_needed(state.fit, choice.best):
                 break
             single = self._added(state, choice)
-            if is_noise(single.fit) or len(state.named) + 1 >= most_effects:
-                state = single
-                break
-            if not self._explains_some(state.fit, single.fit):
-                state = single
-                break
-            # One alone does not do: the best pair need not begin with the best single one.
-            further = self._pairs(state, look, single, looks)
-            if further is None:
-                state = single
-                break
-            state = further
-            if is_noise(state.fit):
+            room = len(single.named) < most_effects
+            further = None
+            if room and not is_noise(single.fit) and self._explains_some(state.fit, single.fit):
+                # One alone does not do: the best pair need not begin with the best single one.
+                further = self._pairs(state, look, single, looks)
+            state = further or single
+            if further is None or is_noise(state.fit):
                 break
         return self._polished(self._without_needless(_worth_their_names(state))), looks
 
@@ -211,9 +205,7 @@ class Road:
             ):
                 continue
             if is_needed(state.fit, other) and self._explains_some(state.fit, other.fit):
-                beam.append(
-                    self._added(state, choose([other, *(one for one in ranked if one.name != other.name)]), other)
-                )
+                beam.append(self._added(state, choose(ranked, other)))
         best: State | None = None
         for start in beam:
             names = " + ".join(one.hypothesis.name for one in start.named)
@@ -232,10 +224,8 @@ class Road:
                 break
         return best
 
-    def _added(self, state: State, choice: Choice, hypothesis: Hypothesis | None = None) -> State:
-        hypothesis = hypothesis or choice.best
-        if hypothesis is not choice.best:
-            choice = replace(choice, best=hypothesis)
+    def _added(self, state: State, choice: Choice) -> State:
+        hypothesis = choice.best
         model = with_candidate(state.model, hypothesis.label, hypothesis.candidate)
         return State(model, hypothesis.fit, (*state.named, Naming(hypothesis, choice, state.fit)), state)
 

@@ -35,22 +35,21 @@ def summarise(seen: Travelled, seconds: float) -> Diagnosis:
     bench, noise, baseline, final = seen.bench, seen.noise, seen.baseline, seen.final
     verdict = _verdict(bench, noise, final)
     finer = _finer_mesh(seen)
-    effects = (
-        () if verdict in ("consistent", "unexplained") else tuple(_named(bench, one, final.fit) for one in final.named)
-    )
+    effects = tuple(_named(bench, one, final.fit) for one in final.named)
     sets = [(one.name, *one.equivalent) for one in effects]
     unexplained = verdict in ("unexplained", "partly_explained")
     n_frf = len(bench.target.measurement.pairs) if isinstance(bench.target, FrfTarget) else 0
     symmetric = bool(effects) and _on_symmetry(bench.given)
     return Diagnosis(
         verdict=verdict,
-        effects=(*finer, *effects),
+        # Where nothing of the catalogue accounts for what is missing, a finer mesh is no name for it: it is a remark.
+        effects=effects if verdict == "unexplained" else (*finer, *effects),
         gap=_gap(bench, seen.given if finer else baseline.fit, final.fit),
         location=_location(bench, noise, baseline, final),
         scores=tuple(_table(one, effects, bench) for one in seen.looks),
         steps=_steps(seen, bool(finer)),
         missing=_missing(bench, noise, final, verdict),
-        remarks=_remarks(noise, final, seen.prior),
+        remarks=(*(one.evidence for one in finer if verdict == "unexplained"), *_remarks(noise, final, seen.prior)),
         next_measurements=tuple(next_measurements(sets, unexplained, 0 < n_frf < 3, symmetric)),
         parameters=_estimates(final.fit),
         model=with_numbers(final.fit.model, final.fit.theta),

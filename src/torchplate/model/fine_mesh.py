@@ -59,14 +59,15 @@ class SparseModel:
                 stiffness = stiffness + rows.T @ middle @ rows
             value, shape = scipy.linalg.eigh(stiffness, self.mass.toarray())
         else:
-            count = max(n_mode + 2, 20)
+            count = max(n_mode + 2, 20, self._most_modes(frequency) + 2)
             while True:
                 count = min(count, n - 2)
                 inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=self.solve, dtype=np.float64)
                 start = np.random.default_rng(0).standard_normal(n)
                 value, shape = scipy.sparse.linalg.eigsh(
-                    self.stiffness, count, self.mass, sigma=-SHIFT, OPinv=inverse, v0=start, tol=1e-12
-                )
+                    self.stiffness, count, self.mass, sigma=-SHIFT, OPinv=inverse, v0=start, tol=1e-12,
+                    ncv=min(n, 3 * count // 2),
+                )  # fmt: skip
                 order = value.argsort()
                 value, shape = value[order], shape[:, order]
                 if value[-1] > (2 * np.pi * frequency) ** 2 or count == n - 2:
@@ -76,6 +77,18 @@ class SparseModel:
                 count = max(count + 10, int(1.15 * count * frequency / reached))
         like = self.model.known
         return Modes(torch.from_numpy(value).to(like), torch.from_numpy(np.ascontiguousarray(shape)).to(like))
+
+    def _most_modes(self, frequency: float) -> int:
+        """About how many modes a plate with these sides has up to a frequency if its edges are free, the most it can.
+
+        N = (A k² + 1.7125 P k) / 4π, k the bending wave number, A the area, P the perimeter (Bogomolny and Hugues,
+        Phys. Rev. E 57, 1998, 5404: ν = 0.3).
+        """
+        section, geometry = self.plan.section, self.plan.geometry
+        rigidity = (section.rigidity[..., 0, 0] * section.rigidity[..., 1, 1]).sqrt().mean()
+        x, y = float(geometry.length_x), float(geometry.length_y)
+        squared = 2 * np.pi * frequency * float(section.areal_mass.mean() / rigidity) ** 0.5
+        return int((x * y * squared + 1.7125 * 2 * (x + y) * squared**0.5) / (4 * np.pi))
 
     def residual(self, shape: Float[Tensor, "n n_mode"], forces: Float[Tensor, "n_row n"]) -> Float[Tensor, "n n_row"]:
         """What static forces move beyond the given modes: (K + shift M)⁻¹ f, made M-orthogonal to the modes."""
