@@ -12,13 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.patches import Ellipse
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from torchplate.cli.assurance_figure import caption
 from torchplate.cli.diagnosis_figures import AFTER, BEFORE, MEASURED, N_PANEL, figure_digits, figures, png, shown
 from torchplate.cli.diagnosis_report import N_CHANNEL, verdict_sentence, write_diagnosis
 from torchplate.cli.log import log_diagnosis
+from torchplate.diagnosis.assurance import csac_by_line, csf_by_line, fdac, fdac_frequency
 from torchplate.diagnosis.ledger import (
     Band,
     ChannelGap,
@@ -323,6 +326,25 @@ class TestEveryReport:
             assert row[""] == ("held out" if one.heldout else "fitted")
         assert location.sentences[0] in page.words
 
+    def test_the_courses_of_the_frfs_are_compared_by_their_frac(self, written, case):
+        overlay = written[case].found.overlay
+        rows = {row["FRF, response/reference"]: row for row in written[case].page.table("FRF, response/reference")}
+        assert len(rows) == len(overlay.measured.pairs)
+        for j, k in overlay.measured.pairs:
+            row, true = rows[overlay.measured.pair_label(j, k)], overlay.measured.frf[:, j, k].numpy()
+            for column, frf in (("FRAC before", overlay.before), ("FRAC after", overlay.after)):
+                said = frf[:, j, k].numpy()
+                expected = abs(np.vdot(true, said)) ** 2 / (np.vdot(true, true) * np.vdot(said, said)).real
+                # Printed with three decimals.
+                assert float(row[column]) == pytest.approx(expected, abs=5.1e-4)
+
+    def test_the_assurance_criteria_are_explained_below_their_figure(self, written, case):
+        said = caption(written[case].found.overlay)
+        assert said in written[case].page.words
+        assert f"](figures/assurance.png)\n\n*{said}*" in written[case].markdown
+        assert ("with a single one they are always 1, and left out" in said) == (case == "single")
+        assert ("dashed diagonal" in said) == (case != "single")
+
     def test_what_to_know_and_to_do_is_there(self, written, case):
         found, page = written[case].found, written[case].page
         assert ("ol", list(found.next_measurements)) in page.lists
@@ -455,16 +477,22 @@ def test_many_frfs_are_listed_up_to_a_number(tmp_path, monkeypatch):
     assert f"And {28 - N_CHANNEL} FRFs that were nearer" in page.words
 
 
+def _assurance(found: Diagnosis) -> tuple[list[Axes], list[Axes]]:
+    """The squares and the curves of the figure of the assurance criteria."""
+    axes = figures(found)["assurance"].axes
+    return [one for one in axes if one.get_title("left")], [one for one in axes if one.get_ylabel().endswith("[-]")]
+
+
 class TestFigures:
     def test_there_is_a_map_where_there_is_a_place_to_show(self):
         whole = diagnosis()
         elsewhere = replace(NAMED, parameters={"value": Estimate(2900.0, 12.0, "kg/m³")})
         nowhere = replace(whole.location, map=None)
-        assert set(figures(whole)) == {"gap", "bands", "frf", "map"}
+        assert set(figures(whole)) == {"gap", "bands", "frf", "assurance", "map"}
         assert "map" in figures(replace(whole, effects=(elsewhere,)))
         assert "map" in figures(replace(whole, location=nowhere))
         assert "map" not in figures(replace(whole, location=nowhere, effects=(elsewhere,)))
-        assert set(figures(CASES["single"]())) == {"gap", "bands", "frf"}
+        assert set(figures(CASES["single"]())) == {"gap", "bands", "frf", "assurance"}
 
     def test_the_bars_are_the_steps_and_the_line_is_the_noise(self):
         found = diagnosis()
@@ -568,6 +596,47 @@ class TestFigures:
         drawn = figures(diagnosis(mass=False))
         assert [line.get_label() for line in drawn["frf"].axes[0].lines] == ["measured", "model"]
         assert [line.get_label() for line in drawn["bands"].axes[1].lines] == ["model", "noise alone"]
+        squares, curves = _assurance(diagnosis(mass=False))
+        assert [axis.get_title("left") for axis in squares] == ["FDAC, model"]
+        assert [line.get_label() for axis in curves for line in axis.lines] == ["model", "model"]
+
+    def test_the_assurance_criteria_are_drawn_before_and_after(self):
+        overlay = diagnosis().overlay
+        squares, curves = _assurance(diagnosis())
+        models = (overlay.before, overlay.after)
+        for axis, criterion in zip(curves, (csac_by_line, csf_by_line), strict=True):
+            assert axis.get_ylabel() == f"{criterion.__name__[:-8].upper()} [-]"
+            assert [line.get_label() for line in axis.lines] == ["before", "after"]
+            for drawn, frf, colour in zip(axis.lines, models, (BEFORE, AFTER), strict=True):
+                np.testing.assert_array_equal(drawn.get_xdata(), overlay.measured.frequency)
+                np.testing.assert_array_equal(drawn.get_ydata(), criterion(overlay.measured, frf))
+                assert drawn.get_color() == colour
+        line = fdac_frequency(overlay.measured).numpy()
+        assert [axis.get_title("left") for axis in squares] == ["FDAC, before", "FDAC, after"]
+        for axis, frf in zip(squares, models, strict=True):
+            (mesh,) = axis.collections
+            # The model's lines upwards.
+            np.testing.assert_array_equal(mesh.get_array(), fdac(overlay.measured, frf))
+            assert mesh.get_clim() == (0.0, 1.0)
+            assert axis.get_box_aspect() == 1
+            assert ("measured" in axis.get_xlabel(), "model" in squares[0].get_ylabel()) == (True, True)
+            (diagonal,) = axis.lines
+            assert list(diagonal.get_xdata()) == list(diagonal.get_ydata()) == [line[0], line[-1]]
+
+    def test_a_single_frf_has_no_shapes_to_compare(self):
+        squares, curves = _assurance(CASES["single"]())
+        assert squares == []
+        assert [axis.get_ylabel() for axis in curves] == ["CSF [-]"]
+        assert np.ptp(curves[0].lines[0].get_ydata()) > 0.1
+
+    def test_a_line_at_which_a_model_is_zero_has_no_criterion(self):
+        found = diagnosis()
+        before = found.overlay.before.clone()
+        before[5] = 0
+        _, curves = _assurance(replace(found, overlay=replace(found.overlay, before=before)))
+        for axis in curves:
+            assert list(np.isnan(axis.lines[0].get_ydata()).nonzero()[0]) == [5]
+            assert np.isfinite(axis.lines[1].get_ydata()).all()
 
     def test_the_map_has_everything_at_its_place_in_millimetres(self):
         found = diagnosis()
@@ -640,7 +709,8 @@ class TestTensorBoard:
                 (one,) = logged[tag]
                 assert one.value == pytest.approx(value, rel=1e-6)
                 assert one.step == 4321
-        images = {f"frf/{response}w_{reference}w" for response in (4, 7) for reference in (1, 6)} | {"map"}
+        images = {f"frf/{response}w_{reference}w" for response in (4, 7) for reference in (1, 6)}
+        images |= {"assurance", "map"}
         assert set(events.Tags()["images"]) == images
         assert all(events.Images(tag)[0].encoded_image_string.startswith(PNG) for tag in images)
 

@@ -15,14 +15,14 @@ from torchplate.model import Searched
 N_FITTED, N_HELDOUT = 1600, 400
 
 
-def fitted(square: float, heldout: float | None = None, prior: float = 0.0) -> Fit:
+def fitted(square: float, heldout: float | None = None, prior: float = 0.0, gap: float | None = None) -> Fit:
     """A fit that leaves so much, a fifth of it in held-out FRFs unless told otherwise."""
     held = square / 5 if heldout is None else heldout
     parts = torch.tensor([square - held, held], dtype=torch.float64)
     n_heldout = 0.0 if heldout == 0 else float(N_HELDOUT)
     misfit = Misfit(parts[0], parts[1], float(N_FITTED), n_heldout)
     none = torch.zeros(0, dtype=torch.float64)
-    return Fit(None, None, none, torch.zeros(0, 0), none, misfit, prior)  # type: ignore[arg-type]
+    return Fit(None, None, none, torch.zeros(0, 0), none, misfit, prior, square**0.5 if gap is None else gap)  # type: ignore[arg-type]
 
 
 def hypothesis(name: str, square: float, n_parameter: int = 1, **fit) -> Hypothesis:

@@ -40,7 +40,14 @@ class Ended:
         self.bench = Workbench(model, target, as_given=True)
         prediction = frf * (1 + off)
         fit = Fit(
-            model, model, theta, torch.ones(1, 1, dtype=torch.float64), prediction, target.misfit(prediction), 0.0
+            model,
+            model,
+            theta,
+            torch.ones(1, 1, dtype=torch.float64),
+            prediction,
+            target.misfit(prediction),
+            0.0,
+            target.whole_gap(prediction),
         )
         one = Hypothesis(Candidate(CATALOGUE["density"](), {}, {}, {}), "one", fit)
         self.state = State(model, fit, (Naming(one, Choice(one, (), None, 1.0, 0.9), fit),) * n_named)
@@ -52,7 +59,7 @@ class Ended:
 )
 def test_the_verdict_follows_from_what_is_left(lab, off, n_named, expected):
     ended = Ended(lab, off, n_named=n_named)
-    assert _verdict(ended.bench, ended.noise, ended.state) == expected
+    assert _verdict(ended.bench, ended.state) == expected
     said = _missing(ended.bench, ended.noise, ended.state, expected)
     if off:
         # The gap, and how many times the noise that is.

@@ -5,8 +5,11 @@ import math
 import pytest
 import torch
 
+from torchplate.diagnosis.rebuilding import known_values
 from torchplate.effects import DampingPatch, HystereticDamping, Plate, StiffnessLoss
 from torchplate.model import PlateModel
+from torchplate.model.extrapolation import extrapolate
+from torchplate.model.fine_mesh import SparseModel
 from torchplate.plate import Mesh, element
 
 STEEL = {"plate.youngs_modulus": 205e9, "plate.poisson_ratio": 0.29, "plate.density": 7850.0, "plate.thickness": 0.002}
@@ -16,7 +19,8 @@ LINES = torch.linspace(20.0, 300.0, 29, dtype=torch.float64)
 
 
 def _coverage(mesh: Mesh, x: float, y: float, size: float) -> torch.Tensor:
-    return mesh.coverage(*(torch.tensor(number, dtype=torch.float64) for number in (x, y, size)))
+    along_x, along_y = mesh.coverage(*(torch.tensor(number, dtype=torch.float64) for number in (x, y, size)))
+    return along_x * along_y
 
 
 def _model(mesh: Mesh, effect, value: dict[str, float], beta: float = 0.0) -> PlateModel:
@@ -71,6 +75,41 @@ def test_a_loss_softens_the_elements_it_covers_and_no_others():
         expected[dof[:, None], dof] += one
     assert torch.allclose(found - bare, -0.7 * expected, atol=1e-10 * float(bare.abs().max()))
     assert torch.allclose(damped, 0.05 * expected, atol=1e-10 * float(bare.abs().max()))
+
+
+def test_elements_that_its_edges_cut_are_as_soft_as_the_patch_makes_them():
+    # Its edges are at 3/8 and 5/8: on 16 elements a side they are edges of elements, on 12 they halve some.
+    plates = {
+        n: extrapolate(_model(Mesh(0.4, 0.4, n, n), StiffnessLoss, {"x": 0.5, "y": 0.5, "size": 0.25, "factor": 0.3}))
+        for n in (12, 16, 20)
+    }
+    cut, exact, cut_less = (SparseModel(one.model, NONE).modes(15).frequency[3:15] for one in plates.values())
+    # Means of the stiffness over the cut elements would be off by 1.5 %.
+    assert float((cut / exact - 1).abs().max()) < 3e-3
+    assert float((cut_less / exact - 1).abs().max()) < 1e-3
+
+
+def test_a_patch_over_half_of_an_element_is_a_laminate():
+    # One element, its half softer: across the cut compliances add, along it stiffnesses, ν = 0.
+    model = _model(Mesh(0.4, 0.4, 1, 1), StiffnessLoss, {"x": 0.0, "y": 0.5, "size": 1.0, "factor": 0.25})
+    model.known[model_index(model, "plate.poisson_ratio")] = 0.0
+    sound = 205e9 * 0.002**3 / 12
+    rigidity = model.plan(NONE).section.rigidity[0]
+    across, along, twist = rigidity.diagonal().tolist()
+    assert across / sound == pytest.approx(1 / (0.5 + 0.5 / 0.25), rel=1e-12)
+    assert along / sound == pytest.approx(0.5 + 0.5 * 0.25, rel=1e-12)
+    assert twist / (sound / 2) == pytest.approx(0.5 + 0.5 * 0.25, rel=1e-12)
+
+
+def test_a_patch_turned_with_the_plate_is_the_same():
+    one = _model(Mesh(0.6, 0.3, 7, 4), StiffnessLoss, {"x": 0.41, "y": 0.33, "size": 0.3, "factor": 0.3})
+    turned = _model(Mesh(0.3, 0.6, 4, 7), StiffnessLoss, {"x": 0.33, "y": 0.41, "size": 0.3, "factor": 0.3})
+    found, expected = (model.natural_frequencies(NONE, 12)[3:] for model in (turned, one))
+    assert torch.allclose(found, expected, rtol=1e-9)
+
+
+def model_index(model: PlateModel, name: str) -> int:
+    return list(known_values(model)).index(name)
 
 
 def test_a_patch_over_the_whole_plate_is_another_plate():

@@ -233,7 +233,7 @@ def uniform_section(**change: torch.Tensor) -> Section:
         "shear_factor": one,
         "density": 2700 * one,
         "thickness": 0.004 * one,
-        "stiffness_factor": one,
+        "stiffness_factor": one[:, None],
     }
     return Section(**(own | change))
 
@@ -248,7 +248,9 @@ def test_the_rigidity_of_an_isotropic_section_is_that_of_the_paper() -> None:
 
 def test_an_orthotropic_section_keeps_the_mean_modulus_and_its_parts() -> None:
     one = torch.ones(1, dtype=torch.float64)
-    rigidity = uniform_section(young_ratio=0.16 * one, shear_factor=1.5 * one, stiffness_factor=0.9 * one).rigidity[0]
+    rigidity = uniform_section(
+        young_ratio=0.16 * one, shear_factor=1.5 * one, stiffness_factor=0.9 * one[:, None]
+    ).rigidity[0]
     # E_x = 70/0.4 GPa, E_y = 70 · 0.4 GPa, ν_x = ν √(E_x/E_y); compliance inverted by hand: E_x ν_y = ν √(E_x E_y).
     young_x, young_y, poisson = 70e9 / 0.4, 70e9 * 0.4, 0.33
     compliance = torch.tensor(

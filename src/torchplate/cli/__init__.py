@@ -7,7 +7,7 @@
 - `basis`: the basis a run searches in, confirmed at the best member.
 - `folder`: where a run is written and what it is resumed from.
 - `result`, `report`, `figures`, `log`: result.json, report.md, the figures, and what goes to TensorBoard as it happens.
-- `diagnosis_report`, `diagnosis_figures`: what a diagnosis says to people.
+- `diagnosis_report`, `diagnosis_figures`, `assurance_figure`, `diagnosis_style`: what a diagnosis says to people.
 - `main_job`, `hidden_effect`, `paper`, `real`: what `make run`, `make diagnose`, `make paper` and `make real` do.
 - `bench`: `torchplate bench`, what is fast and beside what.
 - `main`: the command line.

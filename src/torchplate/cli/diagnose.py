@@ -133,6 +133,8 @@ def _updated(recipe: Run, found: Diagnosis, folder: Path) -> dict[str, Any]:
         int(body.get("refine", 2)) for body in effects.values() if body["effect"] == "mesh_discretisation"
     )
     raw["mesh"] = dict(raw["mesh"]) | {"refine": found.model.mesh.refine // split, "extrapolate": True}
+    # An edge that was held may yield now.
+    raw["mesh"] |= {"edges": dict(found.model.mesh.edges)}
     raw["search"] = {key: value for key, value in dict(raw.get("search", {})).items() if key == "seed"}
     return raw
 

@@ -1,4 +1,7 @@
-"""Figures of a diagnosis: the gap step by step, FRFs before and after, where in frequency, where on the plate."""
+"""Figures of a diagnosis: the gap step by step, FRFs before and after, where in frequency, where on the plate.
+
+That of the assurance criteria is in `assurance_figure`.
+"""
 
 import io
 import math
@@ -10,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch, Rectangle
@@ -18,13 +20,22 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from matplotlib.transforms import Bbox
 from PIL import Image
 
+from torchplate.cli.assurance_figure import assurance
+from torchplate.cli.diagnosis_style import (
+    AFTER,
+    BAND,
+    BEFORE,
+    FOUND,
+    INDEX,
+    INK,
+    MEASURED,
+    MUTED,
+    NOISE,
+    curves,
+    dress,
+)
 from torchplate.diagnosis.ledger import ChannelGap, Diagnosis, Estimate, Named, Overlay, Step
 from torchplate.effects import SupportSpring
-
-# Okabe and Ito's colours: told apart by every reader, and in print.
-MEASURED, BEFORE, AFTER, FOUND, BAND = "black", "#E69F00", "#0072B2", "#D55E00", "#56B4E9"
-INK, MUTED, GRID, NOISE = "#1f2933", "#616e7c", "#e4e7eb", "#c9ced6"
-INDEX = LinearSegmentedColormap.from_list("index", ["#ffffff", "#e3e0ef", "#b9b3d6", "#8579b5", "#54478c"])
 
 DPI = 150
 N_PANEL = 6
@@ -38,24 +49,26 @@ ELLIPSE_95 = math.sqrt(-2 * math.log(0.05))
 def figures(diagnosis: Diagnosis) -> dict[str, Figure]:
     """The figures of a report, by file name.
 
-    "gap"; "bands" and "frf" where FRFs were measured; "map" where there is a place to show.
+    "gap"; "bands", "frf" and "assurance" where FRFs were measured; "map" where there is a place to show.
     """
     drawn = {"gap": _gap(diagnosis)}
     if (overlay := diagnosis.overlay) is not None:
         drawn["bands"] = _bands(diagnosis, overlay)
         drawn["frf"] = _frf(diagnosis, overlay, shown(diagnosis, N_PANEL))
+        drawn["assurance"] = assurance(overlay)
     if diagnosis.location.map is not None or any(map(place_found, diagnosis.effects)):
         drawn["map"] = _map(diagnosis)
     return drawn
 
 
 def log_figures(diagnosis: Diagnosis) -> dict[str, Figure]:
-    """The figures that TensorBoard shows, by tag: one for each drawn FRF, and the map."""
+    """The figures that TensorBoard shows, by tag: one for each drawn FRF, the assurance criteria, and the map."""
     drawn = {}
     if (overlay := diagnosis.overlay) is not None:
         for j, k in shown(diagnosis, N_PANEL):
             tag = f"frf/{overlay.measured.response[j].label}_{overlay.measured.reference[k].label}"
             drawn[tag] = _frf(diagnosis, overlay, [(j, k)])
+        drawn["assurance"] = assurance(overlay)
     if diagnosis.location.map is not None or any(map(place_found, diagnosis.effects)):
         drawn["map"] = _map(diagnosis)
     return drawn
@@ -113,11 +126,6 @@ def _channel_gaps(diagnosis: Diagnosis, overlay: Overlay) -> dict[tuple[int, int
     return gaps
 
 
-def _unchanged(overlay: Overlay) -> bool:
-    """Whether the last model is the baseline, so that one curve says it all."""
-    return bool((overlay.before == overlay.after).all())
-
-
 def _gap(diagnosis: Diagnosis) -> Figure:
     """The gap after each step as bars, from the baseline down to the noise floor."""
     gap = diagnosis.gap
@@ -163,7 +171,7 @@ def _gap(diagnosis: Diagnosis) -> Figure:
     floor = f"noise floor {100 * gap.noise_floor:.3g} %"
     handles.append(Line2D([], [], color=MEASURED, lw=1.2, ls=(0, (5, 3)), label=floor))
     figure.legend(handles=handles, loc="outside upper right", ncol=len(handles), frameon=False, fontsize=8.5)
-    _dress(axis)
+    dress(axis)
     axis.grid(False, axis="y")
     axis.tick_params(axis="y", length=0, labelcolor=INK)
     return figure
@@ -180,10 +188,7 @@ def _bands(diagnosis: Diagnosis, overlay: Overlay) -> Figure:
     top.plot(line, _decibel(level), color=MEASURED, lw=1.2)
     unit = _decibel_unit(measured.unit).replace("re 1 ", "re 1\n")
     top.set_ylabel(f"measured,\nrms {unit}", color=INK, fontsize=8.5)
-    curves = [("model", overlay.after, AFTER)]
-    if not _unchanged(overlay):
-        curves = [("before", overlay.before, BEFORE), ("after", overlay.after, AFTER)]
-    for label, frf, colour in curves:
+    for label, frf, colour in curves(overlay):
         noise = overlay.noise[:, keep]
         # The noise is that of the real and of the imaginary part.
         ratio = (measured.frf - frf)[:, keep].abs().square() / (2 * noise.square()).where(noise > 0, math.nan)
@@ -198,7 +203,7 @@ def _bands(diagnosis: Diagnosis, overlay: Overlay) -> Figure:
     for one in (top, axis):
         for band in diagnosis.location.bands:
             one.axvspan(band.low, band.high, color=BAND, alpha=0.25, lw=0, zorder=0)
-        _dress(one)
+        dress(one)
     _label_bands(top, diagnosis)
     handles = [*axis.get_legend_handles_labels()[0]]
     if diagnosis.location.bands:
@@ -229,9 +234,7 @@ def _frf(diagnosis: Diagnosis, overlay: Overlay, pairs: Sequence[tuple[int, int]
     size = (9.6, 0.75 + 2.75 * n_row) if n_column == 2 else (9, 4.4)
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(2 * n_row, n_column, sharex=True, squeeze=False, height_ratios=[2.4, 1] * n_row)
-    curves = [("model", overlay.after, AFTER, "-")]
-    if not _unchanged(overlay):
-        curves = [("before", overlay.before, BEFORE, "-"), ("after", overlay.after, AFTER, "-")]
+    models = curves(overlay)
     gaps = _channel_gaps(diagnosis, overlay)
     for index, (j, k) in enumerate(pairs):
         row, column = divmod(index, n_column)
@@ -240,25 +243,23 @@ def _frf(diagnosis: Diagnosis, overlay: Overlay, pairs: Sequence[tuple[int, int]
         levels = _decibel(np.abs(truth))
         amplitude.plot(line, levels, color=MEASURED, lw=1.8, label="measured", zorder=2)
         _phase(phase, line, truth, MEASURED, 1.8)
-        for order, (label, frf, colour, style) in enumerate(curves):
+        for order, (label, frf, colour) in enumerate(models):
             values = frf[:, j, k].cpu().numpy()
-            amplitude.plot(
-                line, _decibel(np.abs(values)), color=colour, lw=1.1, ls=style, label=label, zorder=3 + order
-            )
+            amplitude.plot(line, _decibel(np.abs(values)), color=colour, lw=1.1, label=label, zorder=3 + order)
             _phase(phase, line, values, colour, 1.1)
-        low, high = _limits([levels, *(_decibel(np.abs(frf[:, j, k].cpu().numpy())) for _, frf, _, _ in curves)])
+        low, high = _limits([levels, *(_decibel(np.abs(frf[:, j, k].cpu().numpy())) for _, frf, _ in models)])
         noise = _decibel(math.sqrt(2) * overlay.noise[:, j, k].cpu().numpy())
         low = max(low, float(np.nanmin(noise, initial=math.inf)) - 15) if np.isfinite(noise).any() else low
         amplitude.set_ylim(low, high)
         amplitude.fill_between(line, low, noise, color=NOISE, alpha=0.6, lw=0, zorder=1, label="noise, rms")
         heldout = bool(overlay.heldout[j, k])
         for one in (amplitude, phase):
-            _dress(one)
+            dress(one)
             if heldout:
                 one.set_facecolor("#eef4f9")
         gap = gaps[j, k]
         change = f"gap {100 * gap.before:.3g} %"
-        if not _unchanged(overlay):
+        if len(models) > 1:
             change += f" → {100 * gap.after:.3g} %"
         amplitude.set_title(measured.pair_label(j, k), loc="left", fontsize=9.5, color=INK, fontweight="bold")
         amplitude.set_title(
@@ -540,12 +541,3 @@ def _lighter(colour: str, part: float) -> str:
     """A colour, mixed with this part of white."""
     channels = (int(colour[start : start + 2], 16) for start in (1, 3, 5))
     return "#" + "".join(f"{round(one + part * (255 - one)):02x}" for one in islice(channels, 3))
-
-
-def _dress(axis: Axes) -> None:
-    """Grid behind, no box around."""
-    axis.grid(True, which="major", color=GRID, lw=0.7)
-    axis.set_axisbelow(True)
-    axis.tick_params(which="both", colors=MUTED, labelsize=8.5)
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.spines[["left", "bottom"]].set_color(MUTED)

@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from torchplate.cli.assurance_figure import caption
 from torchplate.cli.diagnosis_figures import DPI, figure_digits, figures, place_found, png
+from torchplate.diagnosis.assurance import frac_by_channel
 from torchplate.diagnosis.ledger import Diagnosis, Estimate, Named, Overlay, Scored
 from torchplate.effects import CATALOGUE
 
@@ -159,7 +161,8 @@ def _blocks(diagnosis: Diagnosis, folder: Path, pictures: Mapping[str, bytes]) -
     if diagnosis.overlay is not None:
         yield Heading("Measured and modelled FRFs")
         yield Picture("frf", _frf_caption(diagnosis.overlay))
-        yield from _channels(diagnosis)
+        yield from _channels(diagnosis, diagnosis.overlay)
+        yield Picture("assurance", caption(diagnosis.overlay))
     yield from _considered(diagnosis)
     if diagnosis.parameters:
         yield Heading("Fitted parameters")
@@ -254,18 +257,31 @@ def _frf_caption(overlay: Overlay) -> str:
     return "The FRFs that were worst at the baseline."
 
 
-def _channels(diagnosis: Diagnosis) -> Iterator[Block]:
+def _channels(diagnosis: Diagnosis, overlay: Overlay) -> Iterator[Block]:
     every = sorted(diagnosis.location.channels, key=lambda one: -one.before)
     if not every:
         return
+    frac = _fracs(overlay)
     rows = [
         (f"{one.response}/{one.reference}", _percent(one.before), _percent(one.after), _percent(one.floor),
-         "held out" if one.heldout else "fitted")
+         *frac.get((one.response, one.reference), ("", "")), "held out" if one.heldout else "fitted")
         for one in every[:N_CHANNEL]
     ]  # fmt: skip
-    yield Table(("FRF, response/reference", "gap before>", "gap after>", "noise alone>", ""), rows)
+    gaps, fracs = ("gap before>", "gap after>", "noise alone>"), ("FRAC before>", "FRAC after>")
+    yield Table(("FRF, response/reference", *gaps, *fracs, ""), rows)
     if len(every) > N_CHANNEL:
         yield Paragraph(f"And {len(every) - N_CHANNEL} FRFs that were nearer; `diagnosis.json` has all.")
+    yield Paragraph("FRAC: correlation of measured and modelled FRF over the lines; 1 where its course is right.")
+
+
+def _fracs(overlay: Overlay) -> dict[tuple[str, str], tuple[str, str]]:
+    """FRAC before and after of each measured FRF, by the labels of its channels."""
+    measured = overlay.measured
+    before, after = (frac_by_channel(measured, frf) for frf in (overlay.before, overlay.after))
+    return {
+        (measured.response[j].label, measured.reference[k].label): (f"{before[j, k]:.3f}", f"{after[j, k]:.3f}")
+        for j, k in measured.pairs
+    }
 
 
 def _considered(diagnosis: Diagnosis) -> Iterator[Block]:

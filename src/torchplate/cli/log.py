@@ -97,7 +97,7 @@ class RunLog:
 
 
 def log_diagnosis(folder: Path, diagnosis: Diagnosis) -> None:
-    """Write a diagnosis for TensorBoard: the gap of each step, FRFs before and after, the map of the plate.
+    """Write a diagnosis for TensorBoard: the gap of each step, FRFs before and after, the assurance criteria, the map.
 
     An earlier diagnosis in the folder is written over; what a search has logged there stays.
 

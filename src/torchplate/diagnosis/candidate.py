@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from torchplate.diagnosis.held_edges import standing_for
 from torchplate.effects import CATALOGUE, Effect, Parameter, options
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Plan
@@ -26,6 +27,9 @@ AT_PLACE, TINY, REACH = 0.2, 1e-5, 0.3
 SPREAD = (0.1, 0.3, 0.5, 0.7, 0.9)
 # Multiples of a step, of either sign, for which a linear change is believed.
 BELIEVED = (-1.0, 2.5)
+# What the springs of a held edge are tried at, over the rigid ones.
+YIELDS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5)
+SOFTER = 0.1
 # Places along each side, and sizes of patches, at which a candidate with a place is tried.
 PLACES = (0.03, 0.19, 0.35, 0.5, 0.65, 0.81, 0.97)
 PATCHES = (0.1, 0.3, 0.5, 0.7, 0.9)
@@ -58,6 +62,7 @@ class Candidate:
         neutral: the value of each that leaves the model as it is; absent where there is none.
         far: what to try where peaks do not overlap.
         near: what to try where they do.
+        replaces: label of the effect that it stands for; empty where it comes beside all others.
     """
 
     effect: Effect
@@ -66,6 +71,7 @@ class Candidate:
     neutral: Mapping[str, float]
     far: tuple[Trial, ...] = ()
     near: tuple[Trial, ...] = ()
+    replaces: str = ""
 
     @property
     def name(self) -> str:
@@ -109,6 +115,7 @@ def candidates(
                 free.pop("factor_1", None)
             if effect.parameters and not free:
                 continue
+            rigid = standing_for(model, getattr(effect, "edge", ""))
             searched: dict[str, Searched] = {}
             neutral: dict[str, float] = {}
             for key, parameter in free.items():
@@ -118,8 +125,11 @@ def candidates(
                 value = _neutral(name, parameter, plan)
                 if value is not None:
                     neutral[key] = value
-            far, near = _trials(searched, neutral)
-            found.append(Candidate(effect, chosen, searched, neutral, tuple(far), tuple(near)))
+                if rigid is not None and (held := rigid.values[key]) > 0:
+                    searched[key], neutral[key] = Searched(interval.low, held, True), held
+            far, near = _trials(searched, neutral) if rigid is None else _yielding(searched, neutral)
+            replaces = "" if rigid is None else rigid.label
+            found.append(Candidate(effect, chosen, searched, neutral, tuple(far), tuple(near), replaces))
     return found
 
 
@@ -242,6 +252,16 @@ def _trials(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> t
         return steps, steps
     # A change that the fitted parameters nearly undo, such as that of a thickness, shows in its tangent alone.
     return (steps if "x" in searched else [*tangents, *steps]), tangents
+
+
+def _yielding(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> tuple[list[Trial], list[Trial]]:
+    """Springs of a held edge from rigid to soft, together; and a little softer, for what goes with their compliance."""
+    axes = {key: [neutral[key] * part for part in (1.0, *YIELDS)] for key in searched}
+    every = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+    rigid = every[0]
+    softer = [rigid | {key: SOFTER * value} for key, value in rigid.items()]
+    near = [Trial(values, 0.0, SOFTER / YIELDS[-1]) for values in softer]
+    return [Trial(values, 1.0, 1.0) for values in every[1:]], near
 
 
 def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], tangent: bool) -> list[Trial]:

@@ -37,6 +37,7 @@ class Fit(NamedTuple):
         prediction: of the target.
         misfit: sums of squares there, and those of the prior.
         prior: what the tolerances add to the sum of squares.
+        gap: over all that was measured.
         believed: whether residuals were weighed by the noise, and not by what the model as such leaves.
     """
 
@@ -47,6 +48,7 @@ class Fit(NamedTuple):
     prediction: Tensor
     misfit: Misfit
     prior: float
+    gap: float
     believed: bool = True
 
     @property
@@ -186,7 +188,9 @@ def fit(
     covariance = _covariance(jacobian[best], model, position, max(1.0, 2 * value / max(1.0, misfit.n_fitted)))
     told = float(problem.told(theta).square().sum())
     believed = bench.target.believes_the_model
-    return Fit(corrected, reduced, theta, covariance, prediction, misfit, told, believed)
+    return Fit(
+        corrected, reduced, theta, covariance, prediction, misfit, told, bench.target.whole_gap(prediction), believed
+    )
 
 
 def _unfitted(bench: Workbench, model: PlateModel) -> Fit:
@@ -196,7 +200,8 @@ def _unfitted(bench: Workbench, model: PlateModel) -> Fit:
     reduced = bench.reduced(corrected, theta[None])
     prediction = bench.predict(reduced, theta)
     misfit, believed = bench.target.misfit(prediction), bench.target.believes_the_model
-    return Fit(corrected, reduced, theta, theta.new_zeros(0, 0), prediction, misfit, 0.0, believed)
+    gap = bench.target.whole_gap(prediction)
+    return Fit(corrected, reduced, theta, theta.new_zeros(0, 0), prediction, misfit, 0.0, gap, believed)
 
 
 def _covariance(jacobian: Tensor, model: PlateModel, position: Tensor, scale: float) -> Tensor:

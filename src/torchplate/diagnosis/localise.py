@@ -121,40 +121,6 @@ def channel_gaps(
     return tuple(sorted(found, key=lambda one: -one.before))
 
 
-def frac_by_channel(
-    measurement: Measurement, predicted: Complex[Tensor, "n_frequency n_response n_reference"]
-) -> Float[Tensor, "n_response n_reference"]:
-    """FRAC of every FRF [-], 0 to 1: 1 where its course is right, whatever its level. See `discrepancy.assurance`."""
-    cross = (measurement.frf.conj() * predicted).sum(0).abs().square()
-    both = measurement.frf.abs().square().sum(0) * predicted.abs().square().sum(0)
-    return torch.where(both > 0, cross / torch.where(both > 0, both, 1.0), 0.0)
-
-
-def csac_by_line(
-    measurement: Measurement, predicted: Complex[Tensor, "n_frequency n_response n_reference"]
-) -> Float[Tensor, " n_frequency"]:
-    """CSAC of every line [-], 0 to 1: 1 where the operating shape is right. See `discrepancy.assurance`."""
-    cross, measured, modelled = _products(measurement, predicted)
-    both = measured * modelled
-    return torch.where(both > 0, cross.square() / torch.where(both > 0, both, 1.0), 0.0)
-
-
-def csf_by_line(
-    measurement: Measurement, predicted: Complex[Tensor, "n_frequency n_response n_reference"]
-) -> Float[Tensor, " n_frequency"]:
-    """CSF of every line [-], 0 to 1: 1 where the operating shape and its level are right."""
-    cross, measured, modelled = _products(measurement, predicted)
-    total = measured + modelled
-    return torch.where(total > 0, 2 * cross / torch.where(total > 0, total, 1.0), 0.0)
-
-
-def _products(measurement: Measurement, predicted: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """|Hᴴ_measured H_model|, ‖H_measured‖² and ‖H_model‖² over the channels of each line."""
-    kept = torch.where(measurement.measured, predicted, 0.0)
-    cross = (measurement.frf.conj() * kept).sum((-2, -1)).abs()
-    return cross, measurement.frf.abs().square().sum((-2, -1)), kept.abs().square().sum((-2, -1))
-
-
 class _Misfit(NamedTuple):
     """What is left, in standard deviations of its noise.
 

@@ -26,6 +26,10 @@ OVERLAPPING, NEARLY_RIGHT = 0.5, 2.5
 # An effect of the whole plate whose prior spans more than this factor is looked for all over its prior and the box
 # together, where the model is doubted: so many members, and so many of them that go down.
 WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
+# What closed the gap this much in the look before is tried again, so many at most.
+CAME_NEAR, N_AGAIN = 0.9, 3
+# Hypotheses this close to the best are refitted from where they ended; so are the best where more than noise is left.
+RUN_OFF, RUN_OFF_PART, N_RUN_OFF, N_FURTHER = 100.0, 0.03, 3, 2
 # What sits at a place and goes to the ground.
 GROUNDED = frozenset({"ground_spring", "ground_dashpot"})
 
@@ -60,7 +64,7 @@ class Look:
             widely_scored = screen(bench, base, state.fit.theta, everyone, self.prior)
             if not bench.target.believes_the_model:
                 widely_scored = [self._from_afar(state, one) for one in widely_scored]
-            chosen += self._down(_promising(sorted(widely_scored, key=lambda one: -one.drop), N_WIDE))
+            chosen += self._down(state, _promising(sorted(widely_scored, key=lambda one: -one.drop), N_WIDE))
             promises = promises or sorted(widely_scored, key=lambda one: -one.drop)
         together: dict[str, tuple[Scored, list[Tensor]]] = {}
         for promise, starts in chosen:
@@ -69,8 +73,49 @@ class Look:
         hypotheses = [
             self._refit(state.model, one.candidate, one.label, torch.cat(starts)) for one, starts in together.values()
         ]
-        hypotheses += [self._as_support(state, one) for one in _best_of_each(hypotheses) if one.name in GROUNDED]
+        hypotheses = self._run_off(state, _best_of_each(hypotheses + self._again(state)))
+        hypotheses += [self._as_support(state, one) for one in hypotheses if one.name in GROUNDED]
         return Looked(tuple(promises), tuple(_best_of_each(hypotheses)))
+
+    def _again(self, state: State) -> list[Hypothesis]:
+        """What came near in the look before beside what was named there, from where it ended."""
+        if state.look is None or state.previous is None or is_noise(state.fit):
+            return []
+        named = {one.hypothesis.name for one in state.named}
+        near = [
+            one
+            for one in sorted(state.look.hypotheses, key=lambda one: one.cost)
+            if one.name not in named and one.fit.gap < CAME_NEAR * state.previous.fit.gap
+        ]
+        found = []
+        for one in near[:N_AGAIN]:
+            values = dict(zip(one.fit.model.names, one.fit.theta.tolist(), strict=True))
+            own = {key: values[f"{one.label}.{key}"] for key in one.candidate.searched}
+            label = new_label(state.model, one.name)
+            whole = with_candidate(state.model, label, one.candidate)
+            start = start_of(whole, state.fit.theta, state.model, own, label)
+            found.append(self._refit(state.model, one.candidate, label, start[None]))
+        return found
+
+    def _run_off(self, state: State, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Those close to the best once more, each with the mesh error taken off where it ended.
+
+        Where more than noise is left, the best go on as long as that takes them further: valleys are narrow.
+        """
+        found = sorted(hypotheses, key=lambda one: one.cost)
+        for _ in range(N_RUN_OFF if self.bench.target.believes_the_model and found else 0):
+            least = found[0].cost
+            close = [one for one in found if one.cost - least < RUN_OFF + RUN_OFF_PART * abs(least)]
+            if not is_noise(found[0].fit):
+                close = found[: max(N_FURTHER, len(close))]
+            if len(close) < 2:
+                break
+            ends = [(one, one.fit.model.space.to_cube(one.fit.theta)[None]) for one in close]
+            again = [self._refit(state.model, one.candidate, one.label, end) for one, end in ends]
+            found = sorted([*again, *found[len(close) :]], key=lambda one: one.cost)
+            if least - found[0].cost < RUN_OFF + RUN_OFF_PART * least:
+                break
+        return found
 
     def _from_afar(self, state: State, promise: Scored) -> Scored:
         """Starts spread over the box and the prior together, for an effect that may make another plate of it."""
@@ -90,11 +135,20 @@ class Look:
         before = 0.5 * float(given.residual(position, self.bench.target.levels - 2).square().sum())
         return promise._replace(model=problem.model, starts=starts, drop=max(promise.drop, 1 - float(left[0]) / before))
 
-    def _down(self, promises: Sequence[Scored]) -> list[tuple[Scored, Tensor]]:
+    def _down(self, state: State, promises: Sequence[Scored]) -> list[tuple[Scored, Tensor]]:
         """Candidates taken down the wide levels; those that end near the best, with where they end."""
         ends = []
+        given = state.fit.model
+        edge = given.space.at_bound(state.fit.theta).tolist()
+        stuck = [name for name, on in zip(given.names, edge, strict=True) if on]
         for promise in promises:
-            starts, value = widely(Problem(self.bench, promise.model, self.prior), promise.starts, keep=2)
+            starts = promise.starts
+            if stuck:
+                # On the edge of its interval it stands in for what is missing: also from the middle.
+                free = starts.clone()
+                free[:, [promise.model.names.index(name) for name in stuck]] = 0.5
+                starts = torch.cat([starts, free])
+            starts, value = widely(Problem(self.bench, promise.model, self.prior), starts, keep=2)
             ends.append((float(value[0]), promise, starts))
         ends.sort(key=lambda one: one[0])
         kept = [one for rank, one in enumerate(ends[:N_SHARP]) if rank < 2 or one[0] <= NEAR**2 * ends[0][0]]

@@ -12,21 +12,27 @@ from dataclasses import dataclass
 
 from torchplate.diagnosis.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
+from torchplate.diagnosis.target import FrfTarget, Target
 
 # What a parameter must take from the sum of squares to pay for itself.
 PRICE = 8.0
-# Hypotheses closer than this to the best cannot be told from it.
-EQUIVALENT = 14.0
+# Hypotheses closer than this to the best, or than this part of all that speaks against it, cannot be told from it: the
+# variance of the noise and of the mesh error is not known any better.
+EQUIVALENT, EQUIVALENT_PART = 14.0, 1.5e-3
 # An effect is taken where it takes this part of all that speaks against the model, and at least so much.
 LEAST_PART, LEAST_FALL = 0.04, 60.0
 # The same where the model is doubted: independent numbers are few then.
 LEAST_FALL_IN_DOUBT = 8.0
 # A doubted model counts as one that leaves so much.
 DOUBT = 20.0
+# The gap must fall by this part of itself: what moves residuals about within the variance of the model is no effect.
+SMALLEST_STEP = 0.005
 # Held-out residuals may rise by this part of the whole fall.
 HELD = 0.05
-# Mean square up to which nothing but noise is left; and where a patch is in the model, whose edges cut its elements.
-NOISE_ONLY, WITH_PATCH = 1.15, 1.6
+# Mean square up to which nothing but noise is left.
+NOISE_ONLY = 1.15
+# A mean square that is little, and a gap in noise floors that is at the floor.
+LITTLE, AT_FLOOR = 3.0, 1.1
 
 
 @dataclass(frozen=True)
@@ -88,34 +94,40 @@ def choose(hypotheses: Sequence[Hypothesis], best: Hypothesis | None = None) -> 
     ranked = sorted(hypotheses, key=lambda one: one.cost)
     best = best or ranked[0]
     unit = max(1.0, best.fit.reduced_misfit) if best.fit.believed else 1.0
+    alike = max(EQUIVALENT, EQUIVALENT_PART * best.cost / unit) if best.fit.believed else EQUIVALENT
     equivalent, others = [], []
     for other in ranked:
         if other.name == best.name:
             continue
-        if abs(other.cost - best.cost) / unit <= EQUIVALENT:
+        if abs(other.cost - best.cost) / unit <= alike:
             equivalent.append(other.name)
         else:
             others.append(other)
     next_best = others[0] if others else None
     margin = (others[0].cost - best.cost) / unit if others else math.inf
-    sure = confidence(margin, unit if best.fit.believed else DOUBT)
+    sure = confidence(margin - alike, unit if best.fit.believed else DOUBT)
     return Choice(best, tuple(dict.fromkeys(equivalent)), next_best, margin, sure)
 
 
 def is_noise(fit: Fit) -> bool:
     """Whether nothing but noise is left."""
-    patch = any("size" in effect.parameters for effect in fit.model.effects.values())
-    return fit.believed and fit.reduced_misfit <= (WITH_PATCH if patch else NOISE_ONLY)
+    return fit.believed and fit.reduced_misfit <= NOISE_ONLY
+
+
+def is_explained(fit: Fit, target: Target) -> bool:
+    """Whether nothing but noise is left, or the gap is at the floor: lines far below the others may say otherwise."""
+    little = fit.reduced_misfit < LITTLE or not fit.believed
+    return is_noise(fit) or (isinstance(target, FrfTarget) and little and fit.gap <= AT_FLOOR * target.floor)
 
 
 def confidence(margin: float, misfit: float) -> float:
     """Probability that the set is right.
 
     Args:
-        margin: by which the next best is worse.
+        margin: by which the next best is worse than an equivalent.
         misfit: mean square that the named model leaves.
     """
-    certain = 1 / (1 + math.exp(-min(50.0, (margin - EQUIVALENT) / 20.0)))
+    certain = 1 / (1 + math.exp(-min(50.0, margin / 20.0)))
     # What is still unexplained may be what the name really stands for.
     return 0.98 * certain * min(1.0, (NOISE_ONLY / max(misfit, 1e-9)) ** 0.25)
 
@@ -128,4 +140,5 @@ def is_needed(before: Fit, after: Hypothesis) -> bool:
     fall = before.cost - after.cost
     # Held-out FRFs may object; one that the missing effect hardly touches may rise a little while all others fall.
     held = float(after.fit.misfit.heldout) - float(before.misfit.heldout) < HELD * fall
-    return held and fall / unit > LEAST_FALL and fall > LEAST_PART * before.cost
+    nearer = after.fit.gap < (1 - SMALLEST_STEP) * before.gap
+    return held and nearer and fall / unit > LEAST_FALL and fall > LEAST_PART * before.cost

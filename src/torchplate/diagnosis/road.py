@@ -5,7 +5,7 @@ the most promising, name the best with its equivalents, add it. What a later eff
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import torch
@@ -17,13 +17,13 @@ from torchplate.diagnosis.fit import Fit, Problem, fit, widely
 from torchplate.diagnosis.holdout import exchanged, held_out
 from torchplate.diagnosis.ledger import Diagnosis
 from torchplate.diagnosis.look import Look
-from torchplate.diagnosis.naming import Choice, choose, is_needed, is_noise
+from torchplate.diagnosis.naming import LITTLE, Choice, choose, is_explained, is_needed, is_noise
 from torchplate.diagnosis.noise import Noise, noise_level
 from torchplate.diagnosis.state import Looked, Naming, State, Travelled
 from torchplate.diagnosis.summary import summarise
 from torchplate.diagnosis.target import FrequencyTarget, FrfTarget, Target
 from torchplate.diagnosis.tolerance import with_tolerances
-from torchplate.diagnosis.workbench import Workbench, with_candidate, without_effect
+from torchplate.diagnosis.workbench import SETTLING, Workbench, with_candidate, without_candidate
 from torchplate.measurement import Measurement, NaturalFrequencies
 from torchplate.model import PlateModel
 
@@ -35,7 +35,9 @@ N_BEAM = 2
 LARGE_PART = 0.5
 # A second effect is looked for beside one that leaves at most this part of the gap, or of what spoke against the model;
 # and beside the second best too, if no more than so many times as much speaks against it.
-SMALLER_GAP, SMALLER_COST, BESIDE = 0.75, 0.3, 6.0
+SMALLER_GAP, SMALLER_COST, BESIDE = 0.75, 0.5, 6.0
+# Gaps, in noise floors, below which what closed them may have been the mesh.
+SMALL_GAP = 3.0
 # Mean square of what is left beyond which the model as such is doubted, where there are fewer FRFs than this: several
 # FRFs say plainly that nothing of the catalogue explains them, one or two do not.
 FAR_OFF, FEW = 20.0, 3
@@ -117,8 +119,8 @@ class Road:
         self.say(f"baseline: fitting {', '.join(model.names) or 'nothing'}")
         middle = model.space.to_si(model.known.new_full((len(model.names),), 0.5))
         extrapolated = bench.corrected(model, middle)
-        if isinstance(target, FrfTarget):
-            target.set_model_error(bench.shift(extrapolated.frequency, extrapolated.error))
+        self._mesh_error = extrapolated
+        bench.expect_mesh_error(extrapolated)
         start = self._first_look(extrapolated.model, middle)
         found = fit(bench, model, start, self.prior, wide=False)
         if isinstance(target, FrfTarget):
@@ -171,23 +173,53 @@ class Road:
             choice = choose(look.hypotheses)
             if not is_needed(state.fit, choice.best):
                 break
-            single = self._added(state, choice)
+            single = self._added(state, choice, look)
+            if (settled := self._explained(single)) is not None:
+                return settled, looks
             room = len(single.named) < most_effects
-            further = None
-            if room and not is_noise(single.fit) and self._explains_some(state.fit, single.fit):
-                # One alone does not do: the best pair need not begin with the best single one.
-                further = self._pairs(state, look, single, looks)
+            # One alone does not do: the best pair need not begin with the best single one.
+            further = self._pairs(state, look, single, looks) if room else None
             state = further or single
-            if further is None or is_noise(state.fit):
+            if further is not None and (settled := self._explained(further)) is not None:
+                return settled, looks
+            if further is None:
                 break
-        return self._polished(self._without_needless(_worth_their_names(state))), looks
+        return self._settled(_worth_their_names(state)), looks
 
-    def _polished(self, state: State) -> State:
-        """The last model once more, with the mesh error taken off where it now is."""
-        if not state.named:
+    def _explained(self, state: State) -> State | None:
+        """The settled state if nothing but noise is left of it; None where more is."""
+        fit = state.fit
+        if not is_noise(fit) and (not fit.believed or fit.reduced_misfit > LITTLE):
+            return None
+        settled = self._settled(state)
+        if is_explained(settled.fit, self.bench.target):
+            return settled
+        self.bench.expect_mesh_error(self._mesh_error)
+        return None
+
+    def _settled(self, state: State) -> State:
+        """The last model once more, with the mesh error taken off where it now is.
+
+        Where it leaves little, on a finer mesh; there an effect that closed but a small gap has to show again that it
+        was not the mesh.
+        """
+        bench, target = self.bench, self.bench.target
+        if len(state.named) > 1:
+            state = self._without_needless(state, bench, state.named)
+        little = isinstance(target, FrfTarget) and state.fit.believed and state.fit.reduced_misfit < LITTLE
+        if not little and not state.named:
             return state
+        if little:
+            self.say("settling on a finer mesh")
+            bench = Workbench(self.given, target, fineness=SETTLING)
+            bench.expect_mesh_error(bench.corrected(state.model, state.fit.theta))
         start = state.model.space.to_cube(state.fit.theta)[None]
-        return replace(state, fit=fit(self.bench, state.model, start, self.prior, wide=False))
+        settled = replace(state, fit=fit(bench, state.model, start, self.prior, wide=False))
+        if little:
+            small = tuple(one for one in state.named if one.before.gap < SMALL_GAP * target.floor)
+            settled = self._without_needless(settled, bench, small)
+            self.bench.n_evaluation += bench.n_evaluation
+        return settled
 
     def _explains_some(self, before: Fit, after: Fit) -> bool:
         """Whether an effect explains so much that looking for another beside it is worth the time."""
@@ -195,17 +227,14 @@ class Road:
         return gaps[1] <= SMALLER_GAP * gaps[0] or (after.believed and after.cost <= SMALLER_COST * before.cost)
 
     def _pairs(self, state: State, look: Looked, single: State, looks: list[Looked]) -> State | None:
+        """The best with one effect more, from the few that explain so much that looking beside them is worth it."""
         ranked = sorted(look.hypotheses, key=lambda one: one.cost)
-        beam: list[State] = [single]
+        beam: list[State] = [single] if self._explains_some(state.fit, single.fit) else []
         for other in ranked[1:]:
-            if (
-                len(beam) >= N_BEAM
-                or other.name == ranked[0].name
-                or other.fit.reduced_misfit > BESIDE * ranked[0].fit.reduced_misfit
-            ):
-                continue
+            if len(beam) >= N_BEAM or other.fit.reduced_misfit > BESIDE * ranked[0].fit.reduced_misfit:
+                break
             if is_needed(state.fit, other) and self._explains_some(state.fit, other.fit):
-                beam.append(self._added(state, choose(ranked, other)))
+                beam.append(self._added(state, choose(ranked, other), look))
         best: State | None = None
         for start in beam:
             names = " + ".join(one.hypothesis.name for one in start.named)
@@ -217,32 +246,31 @@ class Road:
             choice = choose(more.hypotheses)
             if not is_needed(start.fit, choice.best):
                 continue
-            found = self._added(start, choice)
+            found = self._added(start, choice, more)
             if best is None or found.fit.cost < best.fit.cost:
                 best = found
             if is_noise(found.fit):
                 break
         return best
 
-    def _added(self, state: State, choice: Choice) -> State:
+    def _added(self, state: State, choice: Choice, look: Looked) -> State:
         hypothesis = choice.best
         model = with_candidate(state.model, hypothesis.label, hypothesis.candidate)
-        return State(model, hypothesis.fit, (*state.named, Naming(hypothesis, choice, state.fit)), state)
+        return State(model, hypothesis.fit, (*state.named, Naming(hypothesis, choice, state.fit)), state, look)
 
-    def _without_needless(self, state: State) -> State:
-        """Take out again what the other effects made needless."""
-        if len(state.named) < 2:
-            return state
-        for naming in state.named:
+    def _without_needless(self, state: State, bench: Workbench, doubted: Sequence[Naming]) -> State:
+        """Take out again those of the doubted effects that the other ones made needless."""
+        for naming in doubted:
             label = naming.hypothesis.label
-            model = without_effect(state.model, label)
+            model = without_candidate(state.model, label, naming.hypothesis.candidate)
             kept = [state.model.names.index(name) for name in model.names]
-            found = fit(self.bench, model, model.space.to_cube(state.fit.theta[kept])[None], self.prior, wide=False)
+            found = fit(bench, model, model.space.to_cube(state.fit.theta[kept])[None], self.prior, wide=False)
             back = replace(naming.hypothesis, fit=state.fit)
             if not is_needed(found, back):
                 self.say(f"{naming.hypothesis.name} is no longer needed")
                 rest = tuple(one for one in state.named if one is not naming)
-                return self._without_needless(State(model, found, rest))
+                still = [one for one in doubted if one is not naming]
+                return self._without_needless(State(model, found, rest), bench, still)
         return state
 
 

@@ -19,12 +19,14 @@ class State:
         fit: of it.
         named: the effects, with what was known when each was named.
         previous: before the last of them was added.
+        look: that named the last of them.
     """
 
     model: PlateModel
     fit: Fit
     named: tuple["Naming", ...] = ()
     previous: "State | None" = None
+    look: "Looked | None" = None
 
 
 @dataclass(frozen=True)

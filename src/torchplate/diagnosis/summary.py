@@ -8,17 +8,15 @@ import torch
 from torchplate.diagnosis.fit import Fit, Prior
 from torchplate.diagnosis.ledger import Diagnosis, Estimate, Gap, Location, Named, Overlay, Scored, Step, Verdict
 from torchplate.diagnosis.localise import localise
-from torchplate.diagnosis.naming import LEAST_FALL, LEAST_PART, Hypothesis, is_noise
+from torchplate.diagnosis.naming import LEAST_FALL, LEAST_PART, Hypothesis, is_explained
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.noise import Noise
 from torchplate.diagnosis.screen import twins
 from torchplate.diagnosis.state import Looked, Naming, State, Travelled
 from torchplate.diagnosis.target import FrequencyTarget, FrfTarget
-from torchplate.diagnosis.workbench import Workbench, with_numbers
+from torchplate.diagnosis.workbench import Workbench
 from torchplate.model import PlateModel
 
-# A gap of no more than this many noise floors is at the floor.
-AT_FLOOR = 1.1
 # A number that ends so many standard deviations from what is known of it is remarked.
 BROKEN = 3.0
 # Modes that are named where a table is left unexplained.
@@ -33,7 +31,7 @@ def summarise(seen: Travelled, seconds: float) -> Diagnosis:
         seconds: that it took.
     """
     bench, noise, baseline, final = seen.bench, seen.noise, seen.baseline, seen.final
-    verdict = _verdict(bench, noise, final)
+    verdict = _verdict(bench, final)
     finer = _finer_mesh(seen)
     effects = tuple(_named(bench, one, final.fit) for one in final.named)
     sets = [(one.name, *one.equivalent) for one in effects]
@@ -44,7 +42,7 @@ def summarise(seen: Travelled, seconds: float) -> Diagnosis:
         verdict=verdict,
         # Where nothing of the catalogue accounts for what is missing, a finer mesh is no name for it: it is a remark.
         effects=effects if verdict == "unexplained" else (*finer, *effects),
-        gap=_gap(bench, seen.given if finer else baseline.fit, final.fit),
+        gap=_gap(bench, _first(seen, bool(finer)), final.fit),
         location=_location(bench, noise, baseline, final),
         scores=tuple(_table(one, effects, bench) for one in seen.looks),
         steps=_steps(seen, bool(finer)),
@@ -52,8 +50,8 @@ def summarise(seen: Travelled, seconds: float) -> Diagnosis:
         remarks=(*(one.evidence for one in finer if verdict == "unexplained"), *_remarks(noise, final, seen.prior)),
         next_measurements=tuple(next_measurements(sets, unexplained, 0 < n_frf < 3, symmetric)),
         parameters=_estimates(final.fit),
-        model=with_numbers(final.fit.model, final.fit.theta),
-        overlay=_overlay(bench, noise, seen.given if finer else baseline.fit, final.fit),
+        model=bench.finished(final.fit.model, final.fit.theta),
+        overlay=_overlay(bench, noise, _first(seen, bool(finer)), final.fit),
         n_evaluation=bench.n_evaluation,
         seconds=seconds,
     )
@@ -77,18 +75,15 @@ def _finer_mesh(seen: Travelled) -> tuple[Named, ...]:
             f"misfit is {baseline.reduced_misfit:.3g} times what noise explains, not {given.reduced_misfit:.3g} times"
         )
     text = f"On {cells} elements, with the error of the natural frequencies extrapolated, the fitted model's {shown}."
-    options = {"refine": bench.split, "extrapolate": True}
+    options = {"refine": seen.final.fit.model.mesh.refine // given.model.mesh.refine, "extrapolate": True}
     return (Named("mesh_discretisation", "mesh_discretisation", options, (), 0.99, {}, text, before, after),)
 
 
-def _verdict(bench: Workbench, noise: Noise | None, final: State) -> Verdict:
-    at_floor = is_noise(final.fit)
-    if noise is not None:
-        gap = float(bench.target.gap(final.fit.prediction))
-        at_floor = at_floor or gap <= AT_FLOOR * noise.floor
+def _verdict(bench: Workbench, final: State) -> Verdict:
+    explained = is_explained(final.fit, bench.target)
     if not final.named:
-        return "consistent" if at_floor else "unexplained"
-    return "explained" if at_floor else "partly_explained"
+        return "consistent" if explained else "unexplained"
+    return "explained" if explained else "partly_explained"
 
 
 def _named(bench: Workbench, naming: Naming, final: Fit) -> Named:
@@ -149,6 +144,16 @@ def _gap(bench: Workbench, before: Fit, after: Fit) -> Gap:
     )
 
 
+def _first(seen: Travelled, finer: bool) -> Fit:
+    """What the gap begins with."""
+    return seen.given if finer else _on_fine_mesh(seen)
+
+
+def _on_fine_mesh(seen: Travelled) -> Fit:
+    """The baseline without its mesh error; settled, if nothing was added."""
+    return seen.baseline.fit if seen.final.named else seen.final.fit
+
+
 def _steps(seen: Travelled, finer: bool) -> tuple[Step, ...]:
     bench, final = seen.bench, seen.final
 
@@ -157,9 +162,9 @@ def _steps(seen: Travelled, finer: bool) -> tuple[Step, ...]:
         gap = float(bench.target.gap(fit.prediction))
         return Step(label, gap, None if math.isnan(held) else held, fit.reduced_misfit)
 
-    steps = [one("baseline", seen.given if finer else seen.baseline.fit)]
+    steps = [one("baseline", _first(seen, finer))]
     if finer:
-        steps.append(one("+ mesh_discretisation", seen.baseline.fit))
+        steps.append(one("+ mesh_discretisation", _on_fine_mesh(seen)))
     fits = [naming.hypothesis.fit for naming in final.named]
     # The last step is the last model, fitted once more where it has come to.
     fits[-1:] = [final.fit] if fits else []
@@ -243,10 +248,23 @@ def _remarks(noise: Noise | None, final: State, prior: Prior) -> tuple[str, ...]
                 f"{mean:.4g} that is known of it: do not believe it; something else is missing."
             )
     if len(model.names):
+        rigid = _still_rigid(final)
         for name, on in zip(model.names, model.space.at_bound(theta).tolist(), strict=True):
-            if on:
+            if on and name not in rigid:
                 sentences.append(f"{name} sits on the edge of its interval: widen it, or take it as a sign.")
     return tuple(sentences)
+
+
+def _still_rigid(final: State) -> set[str]:
+    """Stiffnesses of a held edge that yields otherwise: these may be as large as they can."""
+    values = dict(zip(final.fit.model.names, final.fit.theta.tolist(), strict=True))
+    return {
+        name
+        for naming in final.named
+        if naming.hypothesis.candidate.replaces
+        for key, neutral in naming.hypothesis.candidate.neutral.items()
+        if values.get(name := f"{naming.hypothesis.label}.{key}", 0.0) > 0.1 * neutral
+    }
 
 
 def _overlay(bench: Workbench, noise: Noise | None, before: Fit, after: Fit) -> Overlay | None:

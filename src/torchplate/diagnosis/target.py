@@ -87,6 +87,10 @@ class Target(ABC):
     def gap(self, prediction: Tensor, heldout: bool = False) -> Float[Tensor, "*batch"]:
         """The gap on the fitted or on the held-out part; NaN where there is none."""
 
+    @abstractmethod
+    def whole_gap(self, prediction: Tensor) -> float:
+        """The gap on all that was measured, held out or not."""
+
     @property
     @abstractmethod
     def floor(self) -> float:
@@ -143,11 +147,12 @@ class FrfTarget(Target):
         floor = 1e-3 * power.mean(0)
         return self.fitted / (power + floor).sqrt().clamp(min=1e-300)
 
-    def set_model_error(self, shift: Float[Tensor, " n_frequency"]) -> None:
+    def set_model_error(self, shift: Float[Tensor, " n_frequency"], shape: float = 1.0) -> None:
         """Let what is left of the mesh error stand beside the noise.
 
         Args:
             shift: standard deviation of ln f at each line [-].
+            shape: the part of `SHAPE` that this mesh leaves [-].
         """
         step = self.frequency.diff()[:, None, None]
         slope = (self.measured.diff(dim=0) / step).abs()
@@ -160,7 +165,8 @@ class FrfTarget(Target):
         weight = torch.exp(-0.5 * away.square())
         around = ((weight / weight.sum(-1, keepdim=True)) @ power.flatten(1)).unflatten(1, power.shape[1:])
         part = SHAPE[0] + (SHAPE[1] - SHAPE[0]) * (self.frequency / self.frequency[-1])[:, None, None]
-        self.model_variance = 0.5 * (moved.square() + ROUNDING**2 * power + part.square() * around)
+        rounding, part = ROUNDING * shape, part * shape
+        self.model_variance = 0.5 * (moved.square() + rounding**2 * power + part.square() * around)
         self._around = around
 
     def doubt_the_model(self, prediction: Tensor, n_mode: int) -> None:
@@ -226,6 +232,10 @@ class FrfTarget(Target):
         which = (self.heldout & self.measurement.measured) if heldout else self.fitted
         return each[..., which].mean(-1)
 
+    def whole_gap(self, prediction: Tensor) -> float:
+        """The same over all measured FRFs."""
+        return float(self.gaps(prediction)[self.measurement.measured].mean())
+
     @property
     def floor(self) -> float:
         """What noise alone makes the gap."""
@@ -275,6 +285,10 @@ class FrequencyTarget(Target):
         """Root mean square of the relative error."""
         off = ((prediction - self.table.frequency) / self.table.frequency).square().mean(-1).sqrt()
         return torch.full_like(off, torch.nan) if heldout else off
+
+    def whole_gap(self, prediction: Tensor) -> float:
+        """The gap: nothing is held out."""
+        return float(self.gap(prediction))
 
     @property
     def floor(self) -> float:

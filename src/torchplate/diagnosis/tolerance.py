@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from torchplate.diagnosis.fit import Prior
-from torchplate.diagnosis.workbench import known_values, rebuilt, searched
+from torchplate.diagnosis.rebuilding import known_values, rebuilt, searched
 from torchplate.effects import AspectRatio
 from torchplate.model import PlateModel, Searched
 

@@ -6,26 +6,43 @@ that are refitted get a basis of their own, from the modes where they start and 
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.diagnosis.candidate import Candidate
+from torchplate.diagnosis.held_edges import held_again, held_edges, on_springs
+from torchplate.diagnosis.rebuilding import known_values, rebuilt, searched, with_numbers
 from torchplate.diagnosis.target import FrfTarget, Target
-from torchplate.effects import Effect
-from torchplate.model import PlateModel, Searched
+from torchplate.model import PlateModel
 from torchplate.model.extrapolation import Extrapolated, extrapolate, on_mesh
 from torchplate.model.reduced_basis import ritz_basis
 from torchplate.plate import Assembly, Mesh
 
-# Elements of the working mesh, at least; the mesh twice as fine is used for the extrapolation alone.
-LEAST_ELEMENTS = 256
 # Modes kept, in multiples of the band's end.
 MARGIN = 3.0
-# What is left of a natural frequency's mesh error once it is extrapolated: a part of it, and something [-].
-LEFT_PART, LEFT = 0.02, 3e-5
+
+
+class Fineness(NamedTuple):
+    """A mesh, and what is left of its error once that is extrapolated.
+
+    Attributes:
+        least: elements, at least; the mesh twice as fine is used for the extrapolation alone.
+        part: of a natural frequency's mesh error that is left [-].
+        shift: of a natural frequency that is left in any case, relative [-].
+        shape: of `target.SHAPE` that is left [-].
+    """
+
+    least: int
+    part: float
+    shift: float
+    shape: float
+
+
+# Where effects are looked for; and where the last model is settled.
+SEARCHING, SETTLING = Fineness(256, 0.02, 3e-5, 1.0), Fineness(576, 5e-3, 5e-6, 0.3)
 
 
 class Workbench:
@@ -34,15 +51,20 @@ class Workbench:
     Args:
         model: the given one.
         target: what it is held against.
-        as_given: on the mesh as it is, with its error; else on a finer one whose error is taken off.
+        as_given: on the mesh as it is, with its error; else on a finer one whose error is taken off, held edges on
+            springs.
+        fineness: of that mesh.
     """
 
-    def __init__(self, model: PlateModel, target: Target, as_given: bool = False) -> None:
-        self.target, self.as_given = target, as_given
+    def __init__(
+        self, model: PlateModel, target: Target, as_given: bool = False, fineness: Fineness = SEARCHING
+    ) -> None:
+        self.target, self.as_given, self.fineness = target, as_given, fineness
         self.n_evaluation = 0
-        self.mesh = model.mesh if as_given else working_mesh(model.mesh)
-        self.split = self.mesh.refine // model.mesh.refine
-        self._assembly = Assembly(self.mesh).to(model.known)
+        self.held = held_edges(model)
+        model = model if as_given else on_springs(model)
+        self.mesh = model.mesh if as_given else working_mesh(model.mesh, fineness.least)
+        self._assembly = Assembly(self.mesh, dense=False).to(model.known)
         self._finer: Assembly | None = None
         self.top = float(target.frequency.max()) if isinstance(target, FrfTarget) else 0.0
         self.n_mode = 0 if isinstance(target, FrfTarget) else int(target.mode.max()) + 1  # type: ignore[attr-defined]
@@ -58,9 +80,16 @@ class Workbench:
             nothing = theta.new_zeros(0)
             return Extrapolated(on_mesh(model, self._assembly), nothing, nothing)
         if self._finer is None:
-            self._finer = Assembly(dataclasses.replace(self.mesh, refine=2 * self.mesh.refine)).to(model.known)
+            finer = dataclasses.replace(self.mesh, refine=2 * self.mesh.refine)
+            self._finer = Assembly(finer, dense=False).to(model.known)
         plain = on_mesh(model, self._assembly)
         return extrapolate(plain, self.top or None, theta, self._finer)
+
+    def finished(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> PlateModel:
+        """A model with its searched parameters at these values, and what did not yield held as in the given one."""
+        numbers = with_numbers(model, theta)
+        again = held_again(numbers, self.held)
+        return numbers if again is numbers else extrapolate(again, self.top or None).model
 
     def reduced(
         self, model: PlateModel, members: Float[Tensor, "n_member n_parameter"], by_element: bool | None = None
@@ -77,22 +106,30 @@ class Workbench:
         self.n_evaluation += theta.shape[:-1].numel()
         return self.target.predict(model, theta)
 
-    def shift(self, frequency: Tensor, error: Tensor) -> Float[Tensor, " n_frequency"]:
-        """Standard deviation of what is left of the mesh error at each line, relative to the frequency [-]."""
-        assert isinstance(self.target, FrfTarget)
-        worst = error.abs().cummax(0).values
-        at = torch.searchsorted(frequency.contiguous(), self.target.frequency.to(frequency)).clamp(max=len(worst) - 1)
-        return LEFT + LEFT_PART * worst[at]
+    def expect_mesh_error(self, found: Extrapolated) -> None:
+        """Let the target weigh its lines by what this mesh leaves of its error.
+
+        Args:
+            found: a model of this bench, with natural frequencies and their errors.
+        """
+        if not isinstance(self.target, FrfTarget):
+            return
+        worst = found.error.abs().cummax(0).values
+        line = self.target.frequency.to(found.frequency)
+        at = torch.searchsorted(found.frequency.contiguous(), line).clamp(max=len(worst) - 1)
+        self.target.set_model_error(self.fineness.shift + self.fineness.part * worst[at], self.fineness.shape)
 
 
-def working_mesh(mesh: Mesh) -> Mesh:
-    """The mesh, split so that it has `LEAST_ELEMENTS` at least."""
-    split = max(1, math.ceil(math.sqrt(LEAST_ELEMENTS / mesh.n_element)))
+def working_mesh(mesh: Mesh, least: int) -> Mesh:
+    """The mesh, split so that it has so many elements at least."""
+    split = max(1, math.ceil(math.sqrt(least / mesh.n_element)))
     return dataclasses.replace(mesh, refine=mesh.refine * split)
 
 
 def with_candidate(model: PlateModel, label: str, candidate: Candidate) -> PlateModel:
-    """The model with one more effect, whose parameters are searched."""
+    """The model with one more effect, whose parameters are searched; without the one that it stands for."""
+    if candidate.replaces:
+        model = _without(model, candidate.replaces)
     return rebuilt(
         model,
         {**model.effects, label: candidate.effect},
@@ -101,45 +138,19 @@ def with_candidate(model: PlateModel, label: str, candidate: Candidate) -> Plate
     )
 
 
-def without_effect(model: PlateModel, label: str) -> PlateModel:
-    """The model with one effect less."""
+def without_candidate(model: PlateModel, label: str, candidate: Candidate) -> PlateModel:
+    """The model with one effect less; with the one that it stood for."""
+    model = _without(model, label)
+    if not candidate.replaces:
+        return model
+    back = {f"{candidate.replaces}.{name}": value for name, value in candidate.neutral.items()}
+    effects = {**model.effects, candidate.replaces: candidate.effect}
+    return rebuilt(model, effects, known_values(model) | back, searched(model))
+
+
+def _without(model: PlateModel, label: str) -> PlateModel:
     kept = {key: effect for key, effect in model.effects.items() if key != label}
     prefix = f"{label}."
     known = {key: value for key, value in known_values(model).items() if not key.startswith(prefix)}
     wanted = {key: interval for key, interval in searched(model).items() if not key.startswith(prefix)}
     return rebuilt(model, kept, known, wanted)
-
-
-def with_numbers(model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> PlateModel:
-    """The model with its searched parameters at these values: nothing is searched any more."""
-    numbers = known_values(model) | dict(zip(model.names, theta.tolist(), strict=True))
-    return rebuilt(model, model.effects, numbers, {})
-
-
-def rebuilt(
-    model: PlateModel, effects: Mapping[str, Effect], known: Mapping[str, float], wanted: Mapping[str, Searched]
-) -> PlateModel:
-    """A model of other effects or values on the same mesh, with the same assembly."""
-    # The mesh is already what its effects have made of it.
-    kept = {label: effect for label, effect in effects.items() if effect.name != "mesh_discretisation"}
-    return PlateModel(
-        model.mesh, kept, known, wanted, model.response, model.reference, model.kind, model.memory, model.assembly
-    ).to(model.known.device)
-
-
-def known_values(model: PlateModel) -> dict[str, float]:
-    """Values of all that is not searched, by "label.parameter"."""
-    values = iter(model.known.tolist())
-    return {
-        key: next(values)
-        for label, effect in model.effects.items()
-        for name in effect.parameters
-        if (key := f"{label}.{name}") not in model.names
-    }
-
-
-def searched(model: PlateModel) -> dict[str, Searched]:
-    """Intervals of all that is searched, by "label.parameter"."""
-    space = model.space
-    rows = zip(space.names, space.low.tolist(), space.high.tolist(), space.logarithmic.tolist(), strict=True)
-    return {name: Searched(low, high, logarithmic) for name, low, high, logarithmic in rows}

@@ -33,5 +33,6 @@ class DampingPatch(Effect):
 
     def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
         """The loss factor of each element, on top of what it has."""
-        extra = value["loss_factor"][..., None] * mesh.coverage(value["x"], value["y"], value["size"])
+        along_x, along_y = mesh.coverage(value["x"], value["y"], value["size"])
+        extra = value["loss_factor"][..., None] * along_x * along_y
         return section._replace(loss_factor=extra if section.loss_factor is None else section.loss_factor + extra)

@@ -32,4 +32,4 @@ class Plate(Effect):
         """The section of the bare plate; there is none before it."""
         young, poisson, density, thickness = (value[name][..., None] for name in self.parameters)
         one = torch.ones_like(young)
-        return Section(young, one, poisson, one, density, thickness, one)
+        return Section(young, one, poisson, one, density, thickness, one[..., None])

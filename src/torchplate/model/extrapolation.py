@@ -66,7 +66,9 @@ def extrapolate(
     """
     if theta is None:
         theta = model.space.to_si(torch.full((len(model.names),), 0.5).to(model.known))
-    twice = on_mesh(model, finer or Assembly(dataclasses.replace(model.mesh, refine=2 * model.mesh.refine)))
+    if finer is None:
+        finer = Assembly(dataclasses.replace(model.mesh, refine=2 * model.mesh.refine), dense=False)
+    twice = on_mesh(model, finer)
     top = 0.0 if frequency is None else MARGIN * frequency
     coarse, fine = SparseModel(model, theta), SparseModel(twice, theta)
     modes, better = coarse.modes(N_MODE, top), fine.modes(N_MODE, top)

@@ -58,6 +58,7 @@ class Assembly(nn.Module):
         basis: columns over the free dofs; with it, all results are those of the projection basisᵀ (·) basis.
         by_element: whether elements will differ. Each is then projected once, where that fits.
         correction: what the stiffness of a finer mesh would add; see `model.extrapolation`.
+        dense: whether matrices of all dofs will be wanted often; False where only sparse ones and projections are.
     """
 
     index: Tensor
@@ -76,6 +77,7 @@ class Assembly(nn.Module):
         basis: Float[Tensor, "n_free n_basis"] | None = None,
         by_element: bool = False,
         correction: "Correction | None" = None,
+        dense: bool = True,
     ) -> None:
         super().__init__()
         self.mesh, self.correction = mesh, correction
@@ -103,6 +105,9 @@ class Assembly(nn.Module):
                 # [n_element n_pattern, n n], as the products below want them: the stiffness patterns, then the mass.
                 every = (rows.mT @ (patterns @ rows)).transpose(0, 1).flatten(2)
                 self.elements, self.element_masses = every[:, :6].flatten(0, 1), every[:, 6].contiguous()
+        elif dense and 7 * 8 * len(free) ** 2 <= UNIFORM_BYTES:
+            everywhere = torch.cat([pattern, mass_pattern[None]])[:, None].expand(-1, mesh.n_element, -1, -1)
+            self.uniform = self._scatter(everywhere)
 
     def corrected(self, correction: Correction) -> "Assembly":
         """The same, with what the stiffness of a finer mesh would add; matrices are shared."""
@@ -232,8 +237,7 @@ class Assembly(nn.Module):
 
     def _assemble(self, coefficient: Tensor, pattern: Tensor, which: slice) -> Tensor:
         """Σ over elements and patterns; one matrix product where all elements are alike."""
-        if coefficient.shape[-2] == 1 and self._has_uniform():
-            assert self.uniform is not None
+        if coefficient.shape[-2] == 1 and self.uniform is not None:
             flat = self.uniform[which].flatten(1)
             return (coefficient[..., 0, :] @ flat).unflatten(-1, (self.size, self.size))
         coefficient = coefficient.expand(*coefficient.shape[:-2], self.mesh.n_element, coefficient.shape[-1])
@@ -242,14 +246,6 @@ class Assembly(nn.Module):
             return (coefficient.flatten(-2) @ each).unflatten(-1, (self.size, self.size))
         matrices = torch.einsum("...ek,kpq->...epq", coefficient, pattern)
         return self._scatter(matrices) if self.basis is None else self._project(matrices)
-
-    def _has_uniform(self) -> bool:
-        """Whether each pattern in all elements alike is at hand; without a basis it is made when first needed."""
-        if self.uniform is None and self.basis is None and 7 * 8 * self.size**2 <= UNIFORM_BYTES:
-            with torch.inference_mode(False), torch.no_grad():
-                patterns = torch.cat([self.pattern, self.mass_pattern[None]])[:, None]
-                self.uniform = self._scatter(patterns.expand(-1, self.mesh.n_element, -1, -1))
-        return self.uniform is not None
 
     def _scatter(self, matrices: Float[Tensor, "*batch n_element 12 12"]) -> Float[Tensor, "*batch n n"]:
         size = self._width

@@ -182,8 +182,10 @@ class Mesh:
 
     def coverage(
         self, x: Float[Tensor, "*#batch"], y: Float[Tensor, "*#batch"], size: Float[Tensor, "*#batch"]
-    ) -> Float[Tensor, "*batch n_element"]:
-        """Part of each element [-] that a square patch covers; piecewise linear in the patch's place and size.
+    ) -> tuple[Float[Tensor, "*batch n_element"], Float[Tensor, "*batch n_element"]]:
+        """Parts of each element's sides along x and y [-] that a square patch covers; times each other, of its area.
+
+        Both are zero where it covers nothing; piecewise linear in the patch's place and size.
 
         Args:
             x: the patch's centre along x, relative [-].
@@ -197,4 +199,6 @@ class Mesh:
             first = torch.maximum((centre - half)[..., None], low)
             last = torch.minimum((centre + half)[..., None], low + 1 / n)
             overlaps.append(n * (last - first).clamp(min=0))
-        return (overlaps[1][..., :, None] * overlaps[0][..., None, :]).flatten(-2)
+        along_x, along_y = torch.broadcast_tensors(overlaps[0][..., None, :], overlaps[1][..., :, None])
+        covered = (along_x > 0) & (along_y > 0)
+        return (along_x * covered).flatten(-2), (along_y * covered).flatten(-2)

@@ -27,7 +27,8 @@ class Section(NamedTuple):
     shear_factor: Float[Tensor, "*batch n_element"]  # G over E / (2 (1 + ν)) [-]
     density: Float[Tensor, "*batch n_element"]  # [kg/m³]
     thickness: Float[Tensor, "*batch n_element"]  # [m]
-    stiffness_factor: Float[Tensor, "*batch n_element"]  # bending stiffness over that of the sound section [-]
+    # D₁₁, D₂₂, D₁₂ and D₃₃ over those of the sound section; a last dimension of 1 means the same for all four [-].
+    stiffness_factor: Float[Tensor, "*batch n_element n_entry"]
     loss_factor: Float[Tensor, "*batch n_element"] | None = None  # hysteretic, beside that of the whole model [-]
 
     @property
@@ -42,12 +43,12 @@ class Section(NamedTuple):
         D = h³/12 · [[E_x, ν√(E_x E_y), 0], [ν√(E_x E_y), E_y, 0], [0, 0, G(1 − ν²)]] / (1 − ν²).
         Source: seed paper, Eq. 12, for E_x = E_y; Lekhnitskii, Anisotropic Plates (1968), for the orthotropic plate.
         """
-        mean = self.youngs_modulus * self.stiffness_factor * self.thickness**3 / 12
+        mean = self.youngs_modulus * self.thickness**3 / 12
         plane = mean / (1 - self.poisson_ratio**2)
         root = self.young_ratio.sqrt()
         shear = self.shear_factor * mean / (2 * (1 + self.poisson_ratio))
-        entries = torch.broadcast_tensors(plane / root, plane * root, plane * self.poisson_ratio, shear)
-        along_x, along_y, cross, twist = entries
+        sound = torch.broadcast_tensors(plane / root, plane * root, plane * self.poisson_ratio, shear)
+        along_x, along_y, cross, twist = (torch.stack(sound, dim=-1) * self.stiffness_factor).unbind(-1)
         zero = torch.zeros_like(cross)
         flat = torch.stack([along_x, cross, zero, cross, along_y, zero, zero, zero, twist], dim=-1)
         return flat.unflatten(-1, (3, 3))

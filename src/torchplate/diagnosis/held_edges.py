@@ -1,0 +1,90 @@
+"""Held edges that may yield.
+
+A clamp is never rigid. What is held in the given model hangs on springs along that edge here, so stiff that they hold
+it as the edge condition does; then softer ones can be tried in their place like any other effect. If nobody wants them
+softer, the edge is held again in the end.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import torch
+
+from torchplate.diagnosis.rebuilding import known_values, rebuilt, searched
+from torchplate.effects import CATALOGUE
+from torchplate.model import PlateModel
+from torchplate.plate import Assembly
+
+# Over the upper end of what is searched along a free edge: what is left of the yielding shifts no frequency by 1e-4.
+RIGID = 100.0
+PREFIX = "held_"
+
+
+class RigidSprings(NamedTuple):
+    """What stands for a held edge.
+
+    Attributes:
+        label: of the springs.
+        values: of their stiffnesses, so large that the edge does not move, or zero where it may.
+    """
+
+    label: str
+    values: Mapping[str, float]
+
+
+def held_edges(model: PlateModel) -> dict[str, str]:
+    """The edges that are held, and how."""
+    return {edge: condition for edge, condition in model.mesh.edges.items() if condition != "free"}
+
+
+def on_springs(model: PlateModel) -> PlateModel:
+    """The same plate with rigid springs along its edges instead of edge conditions."""
+    held = held_edges(model)
+    if not held:
+        return model
+    kind = CATALOGUE["edge_spring"]
+    plan = model.plan(model.space.to_si(torch.full((len(model.names),), 0.5).to(model.known)))
+    rigid = {
+        name: RIGID * parameter.prior_interval(plan.section, plan.geometry).high
+        for name, parameter in kind.parameters.items()
+    }
+    effects, known = dict(model.effects), known_values(model)
+    for edge, condition in held.items():
+        label = PREFIX + edge
+        effects[label] = kind(edge=edge)  # type: ignore[call-arg]
+        known[f"{label}.stiffness"] = rigid["stiffness"]
+        known[f"{label}.rotational_stiffness"] = rigid["rotational_stiffness"] if condition == "clamped" else 0.0
+    return _with_edges(rebuilt(model, effects, known, searched(model)), {})
+
+
+def standing_for(model: PlateModel, edge: str) -> RigidSprings | None:
+    """The rigid springs along an edge; None where it is free."""
+    label = PREFIX + edge
+    if label not in model.effects:
+        return None
+    known = known_values(model)
+    return RigidSprings(label, {name: known[f"{label}.{name}"] for name in model.effects[label].parameters})
+
+
+def held_again(model: PlateModel, held: Mapping[str, str]) -> PlateModel:
+    """The plate with those edges held that are still on rigid springs.
+
+    Args:
+        model: on springs.
+        held: the edges that were held, and how.
+    """
+    still = {edge: how for edge, how in held.items() if PREFIX + edge in model.effects}
+    if not still:
+        return model
+    effects = {label: effect for label, effect in model.effects.items() if label.removeprefix(PREFIX) not in still}
+    known = {key: value for key, value in known_values(model).items() if key.rpartition(".")[0] in effects}
+    return _with_edges(rebuilt(model, effects, known, searched(model)), still)
+
+
+def _with_edges(model: PlateModel, edges: Mapping[str, str]) -> PlateModel:
+    """On a mesh with these edges held, in all dofs."""
+    mesh = dataclasses.replace(model.mesh, edges=dict(edges))
+    twin = rebuilt(model, model.effects, known_values(model), searched(model))
+    twin.mesh, twin.assembly = mesh, Assembly(mesh).to(model.known)
+    return twin
