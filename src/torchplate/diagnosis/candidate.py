@@ -37,8 +37,9 @@ SIZES = (0.15, 0.35)
 # Members tried of a candidate with several parameters: of all values together, of those half way to the ends; and
 # choices of channels.
 MOST_MEMBERS, MOST_CORNERS, MOST_CHOICES = 60, 81, 400
-# A place found is taken for a node's, and a place given is one, if it is this near to it, relative to the plate.
-NEAR_NODE, ON_NODE = 0.012, 1e-4
+# A place found is taken for a node's if it is this near to it, relative to the plate, and may be it if it is this near;
+# a place given is a node's if it is this near.
+NEAR_NODE, PERHAPS_NODE, ON_NODE = 0.012, 0.04, 1e-4
 # Effects that are no candidates: the plate itself, and what is settled before anything is named.
 NEVER = frozenset({"plate", "support_spring", "mesh_discretisation"})
 
@@ -133,8 +134,10 @@ def candidates(
     return found
 
 
-def support_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: float, viscous: float) -> Candidate:
-    """A further support at a place where a spring or dashpot was found: at a labelled node where there is one near.
+def supports_at(
+    model: PlateModel, theta: Tensor, x: float, y: float, stiffness: float, viscous: float
+) -> list[Candidate]:
+    """A further support at a place where a spring or dashpot was found, or at the labelled node that is near.
 
     Args:
         model: as it is.
@@ -146,8 +149,9 @@ def support_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: 
     """
     n_x, n_y = model.mesh.n_x, model.mesh.n_y
     column, row = round(x * n_x), round(y * n_y)
-    on_node = math.hypot(x - column / n_x, y - row / n_y) < NEAR_NODE
-    chosen: dict[str, Any] = {"nodes": (row * (n_x + 1) + column + 1,)} if on_node else {"at": ((x, y),)}
+    away = math.hypot(x - column / n_x, y - row / n_y)
+    chosen: list[dict[str, Any]] = [{"nodes": (row * (n_x + 1) + column + 1,)}] if away < PERHAPS_NODE else []
+    chosen += [{"at": ((x, y),)}] if away >= NEAR_NODE else []
     kind = CATALOGUE["support_spring"]
     plan = model.plan(theta)
     wanted, start = {}, {}
@@ -155,7 +159,7 @@ def support_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: 
         interval = kind.parameters[name].prior_interval(plan.section, plan.geometry)
         wanted[name] = Searched(interval.low, interval.high, True)
         start[name] = min(max(value, 1.01 * interval.low), 0.99 * interval.high)
-    return Candidate(kind(**chosen), chosen, wanted, {}, (Trial(start, *BELIEVED),))
+    return [Candidate(kind(**options), options, wanted, {}, (Trial(start, *BELIEVED),)) for options in chosen]
 
 
 @dataclass(frozen=True)

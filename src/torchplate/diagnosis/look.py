@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.candidate import Candidate, Channels, candidates, support_at
+from torchplate.diagnosis.candidate import Candidate, Channels, candidates, supports_at
 from torchplate.diagnosis.fit import Prior, Problem, fit, widely
 from torchplate.diagnosis.naming import Hypothesis, is_noise
 from torchplate.diagnosis.screen import Scored, new_label, screen, start_of, twins
@@ -62,10 +62,12 @@ class Look:
         decided = bool(promises) and promises[0].drop > DECIDED
         if bench.target.levels > 1 and misfit > NEARLY_RIGHT and not decided:
             widely_scored = screen(bench, base, state.fit.theta, everyone, self.prior)
-            if not bench.target.believes_the_model:
-                widely_scored = [self._from_afar(state, one) for one in widely_scored]
-            chosen += self._down(state, _promising(sorted(widely_scored, key=lambda one: -one.drop), N_WIDE))
-            promises = promises or sorted(widely_scored, key=lambda one: -one.drop)
+            widely_scored = [self._from_afar(state, one) for one in widely_scored]
+            widely_scored = sorted(widely_scored, key=lambda one: -one.drop)
+            ways = _promising(widely_scored, N_WIDE)
+            ways += [one for one in widely_scored if one.candidate.replaces and all(one is not way for way in ways)]
+            chosen += self._down(state, ways)
+            promises = promises or widely_scored
         together: dict[str, tuple[Scored, list[Tensor]]] = {}
         for promise, starts in chosen:
             key = f"{promise.candidate.name} {promise.candidate.options}"
@@ -74,7 +76,7 @@ class Look:
             self._refit(state.model, one.candidate, one.label, torch.cat(starts)) for one, starts in together.values()
         ]
         hypotheses = self._run_off(state, _best_of_each(hypotheses + self._again(state)))
-        hypotheses += [self._as_support(state, one) for one in hypotheses if one.name in GROUNDED]
+        hypotheses += [more for one in hypotheses if one.name in GROUNDED for more in self._as_supports(state, one)]
         return Looked(tuple(promises), tuple(_best_of_each(hypotheses)))
 
     def _again(self, state: State) -> list[Hypothesis]:
@@ -118,10 +120,15 @@ class Look:
         return found
 
     def _from_afar(self, state: State, promise: Scored) -> Scored:
-        """Starts spread over the box and the prior together, for an effect that may make another plate of it."""
+        """Starts spread over the box and the prior together, for an effect that may make another plate of it.
+
+        These are clamps that yield, since what was fitted with a rigid one has taken on what they give; and, where the
+        model is doubted, whatever of the whole plate may change by a large factor.
+        """
         wide = [one for one in promise.candidate.searched.values() if one.logarithmic and one.low > 0]
         whole_plate = promise.candidate.effect.acts_on == {"section"} and not promise.candidate.has_place
-        if not whole_plate or not any(one.high / one.low > WIDE_PRIOR for one in wide):
+        large = whole_plate and any(one.high / one.low > WIDE_PRIOR for one in wide)
+        if not promise.candidate.replaces and (self.bench.target.believes_the_model or not large):
             return promise
         whole = with_candidate(state.fit.model, promise.label, promise.candidate)
         n = len(whole.names)
@@ -154,16 +161,17 @@ class Look:
         kept = [one for rank, one in enumerate(ends[:N_SHARP]) if rank < 2 or one[0] <= NEAR**2 * ends[0][0]]
         return [(promise, starts) for _, promise, starts in kept]
 
-    def _as_support(self, state: State, found: Hypothesis) -> Hypothesis:
+    def _as_supports(self, state: State, found: Hypothesis) -> list[Hypothesis]:
         """What is grounded at a place may be a further support: spring and dashpot at once, at a node."""
         values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
         at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", "stiffness", "viscous_damping")}
-        candidate = support_at(state.model, state.fit.theta, *at.values())
-        label = new_label(state.model, candidate.name)
-        whole = with_candidate(state.model, label, candidate)
-        self.say("refitting with support_spring")
-        start = start_of(whole, state.fit.theta, state.model, candidate.far[0].values, label)
-        return self._refit(state.model, candidate, label, start[None])
+        refitted = []
+        for candidate in supports_at(state.model, state.fit.theta, *at.values()):
+            label = new_label(state.model, candidate.name)
+            whole = with_candidate(state.model, label, candidate)
+            start = start_of(whole, state.fit.theta, state.model, candidate.far[0].values, label)
+            refitted.append(self._refit(state.model, candidate, label, start[None]))
+        return refitted
 
     def _refit(self, model: PlateModel, candidate: Candidate, label: str, starts: Tensor) -> Hypothesis:
         whole = with_candidate(model, label, candidate)

@@ -31,8 +31,9 @@ from torchplate.model import PlateModel
 N_LOOK, N_DESCEND = 96, 8
 # Hypotheses from which the next effect is looked for where one alone does not explain the data.
 N_BEAM = 2
-# Where noise alone is not reached, an effect is named if it leaves at most this part of what spoke against the model.
-LARGE_PART = 0.5
+# Where noise alone is not reached, an effect is named if it leaves at most this part of what spoke against the model,
+# and of the gap.
+LARGE_PART, SEEN_PART = 0.5, 0.9
 # A second effect is looked for beside one that leaves at most this part of the gap, or of what spoke against the model;
 # and beside the second best too, if no more than so many times as much speaks against it.
 SMALLER_GAP, SMALLER_COST, BESIDE = 0.75, 0.5, 6.0
@@ -182,7 +183,7 @@ class Road:
             state = further or single
             if further is not None and (settled := self._explained(further)) is not None:
                 return settled, looks
-            if further is None:
+            if further is None or not _worth_its_name(state):
                 break
         return self._settled(_worth_their_names(state)), looks
 
@@ -274,10 +275,16 @@ class Road:
         return state
 
 
+def _worth_its_name(state: State) -> bool:
+    """Whether the last effect explains much, or all that was left; else it may stand in for something else."""
+    if state.previous is None or is_noise(state.fit) or not state.fit.believed:
+        return True
+    before, after = state.previous.fit, state.fit
+    return after.cost <= LARGE_PART * before.cost and after.gap <= SEEN_PART * before.gap
+
+
 def _worth_their_names(state: State) -> State:
     """Without the last effects, where something else is missing still and they only stand in for a little of it."""
-    while state.previous is not None and not is_noise(state.fit):
-        if not state.fit.believed or state.fit.cost <= LARGE_PART * state.previous.fit.cost:
-            break
+    while state.previous is not None and not _worth_its_name(state):
         state = state.previous
     return state
