@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from torchplate.diagnosis.candidate import Channels, candidates, vector
+from torchplate.diagnosis.candidate import Channels, candidates, supports_at, vector
 from torchplate.diagnosis.workbench import with_candidate
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.effects.parameter import Prior, nonnegative
@@ -39,9 +39,9 @@ def plate(searched=None, **mesh) -> PlateModel:
     return PlateModel(Mesh(0.43, 0.3, 4, 3, **mesh), effects, known, searched, *channels, "accelerance")
 
 
-def found(model: PlateModel, channels=CHANNELS, without=frozenset()):
+def found(model: PlateModel, channels=CHANNELS):
     theta = model.space.to_si(model.known.new_full((len(model.names),), 0.43))
-    return candidates(model, theta, channels, without)
+    return candidates(model, theta, channels)
 
 
 def names(every) -> set[str]:
@@ -112,11 +112,6 @@ def test_only_what_is_not_searched_of_an_effect_is_looked_for():
         assert len(own.searched) == n_factor
 
 
-def test_some_can_be_left_out():
-    without = frozenset({"density", "channel_swap"})
-    assert names(found(plate())) - names(found(plate(), without=without)) == without
-
-
 def test_a_held_edge_has_no_spring():
     free = {one.options["edge"] for one in found(plate()) if one.name == "edge_spring"}
     held = plate(edges={"x0": "clamped", "y1": "free"})
@@ -171,3 +166,24 @@ def test_what_has_no_number_is_there_or_not():
         if not one.searched:
             changed = with_candidate(model, "new", one).frf(theta, LINES)
             assert float((changed - plain).norm() / plain.norm()) > 0.1, one.options
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "options"),
+    [
+        (0.252, 0.331, [{"nodes": (7,)}]),
+        (0.27, 0.32, [{"nodes": (7,)}, {"at": ((0.27, 0.32),)}]),
+        (0.37, 0.5, [{"at": ((0.37, 0.5),)}]),
+    ],
+    ids=["at a node", "perhaps at a node", "between nodes"],
+)
+def test_a_further_support_is_at_a_node_where_one_is_near(x, y, options):
+    # Node 7 is at (1/4, 1/3).
+    model = plate()
+    found = supports_at(model, torch.zeros(0, dtype=torch.float64), x, y, 800.0, 0.0)
+    assert [one.options for one in found] == options
+    for one in found:
+        assert one.searched.keys() == {"stiffness", "viscous_damping"}
+        start = one.far[0].values
+        assert start["stiffness"] == pytest.approx(800.0)
+        assert start["viscous_damping"] > one.searched["viscous_damping"].low

@@ -7,7 +7,7 @@ import torch
 
 from torchplate.diagnosis.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
-from torchplate.diagnosis.naming import EQUIVALENT, Hypothesis, choose, confidence, is_needed
+from torchplate.diagnosis.naming import EQUIVALENT, EQUIVALENT_PART, Hypothesis, choose, confidence, is_needed
 from torchplate.diagnosis.target import Misfit
 from torchplate.effects import CATALOGUE
 from torchplate.model import Searched
@@ -73,6 +73,15 @@ def test_what_leaves_much_knows_less_of_what_is_small():
     assert found.equivalent == ()
 
 
+def test_what_the_variance_is_not_known_to_parts_nothing():
+    # Sixty thousand numbers: a thousandth of all that is left is more than any fixed threshold.
+    n = 60000.0
+    inside, outside = (hypothesis("thickness", n + part * EQUIVALENT_PART * n) for part in (0.98, 1.03))
+    for other, equivalent in ((inside, ("thickness",)), (outside, ())):
+        found = choose([hypothesis("density", n), other])
+        assert (found.best.name, found.equivalent) == ("density", equivalent)
+
+
 def test_more_parameters_must_pay_for_themselves():
     few, many = hypothesis("ground_spring", 2000.0, 3), hypothesis("stiffness_loss", 1999.0, 4)
     assert choose([many, few]).best.name == "ground_spring"
@@ -113,6 +122,16 @@ def test_an_effect_is_needed_where_it_takes_much_of_all_there_is():
     # Down at the noise, what falls must be more than a few parameters take of it.
     assert not is_needed(fitted(2000.0), hypothesis("stiffness_loss", 1985.0, 4))
     assert is_needed(fitted(2600.0), hypothesis("density", 2000.0))
+
+
+def test_where_little_is_left_an_effect_must_close_the_gap():
+    # Residuals may be moved to lines where the mesh error counts for more.
+    before = fitted(5000.0, gap=0.04)
+    assert is_needed(before, hypothesis("sensor_position", 2000.0, gap=0.039))
+    assert not is_needed(before, hypothesis("sensor_position", 2000.0, gap=0.03995))
+    assert not is_needed(before, hypothesis("sensor_position", 2000.0, gap=0.041))
+    # Peaks that do not overlap make it 1 wherever they are.
+    assert is_needed(fitted(20000.0, gap=1.0), hypothesis("sensor_position", 2000.0, gap=1.1))
 
 
 def test_an_effect_that_held_out_frfs_do_not_want_is_not_needed():

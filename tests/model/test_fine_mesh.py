@@ -1,6 +1,7 @@
 """One member in sparse matrices says what the dense model says."""
 
 import pytest
+import scipy.sparse.linalg
 import torch
 
 from torchplate.model import SparseModel
@@ -47,6 +48,22 @@ def test_modes_reach_the_frequency_asked_for_and_one_beyond(model, plates):
         found = SparseModel(model, plates.nothing).modes(1, hertz).frequency
         assert float(found[-1]) > hertz
         assert torch.allclose(found, model.natural_frequencies(plates.nothing, len(found)), rtol=1e-7, atol=0)
+
+
+def test_a_plate_on_springs_has_its_modes_in_one_go(plates, monkeypatch):
+    solved = []
+    solver = scipy.sparse.linalg.eigsh
+    monkeypatch.setattr(
+        scipy.sparse.linalg, "eigsh", lambda *own, **more: solved.append(own[1]) or solver(*own, **more)
+    )
+    for sides in ((0.48, 0.48), (1.2, 0.3)):
+        model = plates.build(Mesh(*sides, 12, 12, refine=2), plates.damping_of_every_kind(Mesh(*sides, 12, 12)))
+        every = SparseModel(model, plates.nothing).modes(60).frequency
+        solved.clear()
+        found = SparseModel(model, plates.nothing).modes(1, float(every[40]))
+        assert len(solved) == 1
+        # Nor many more than asked for.
+        assert 41 < len(found.frequency) < 60
 
 
 @pytest.mark.parametrize("loss_field", [False, True])

@@ -323,3 +323,16 @@ def test_damping_of_several_effects_adds_up() -> None:
     ]
     found = Assembly(mesh).system(uniform_section(), geometry_of(mesh), [], damping).proportional
     assert [float(part) for part in found] == pytest.approx([0.03, 2.0, 3.0, 1e-5], rel=1e-15)
+
+
+def test_without_matrices_of_all_dofs_at_hand_the_answer_is_the_same() -> None:
+    mesh = Mesh(0.4, 0.3, 3, 2)
+    geometry = Geometry(*(torch.tensor(side, dtype=torch.float64) for side in (0.4, 0.3)))
+    often, seldom = Assembly(mesh), Assembly(mesh, dense=False)
+    assert often.uniform is not None
+    assert seldom.uniform is None
+    section = uniform_section()
+    for one, other in zip(
+        often.system(section, geometry, [], [])[:2], seldom.system(section, geometry, [], [])[:2], strict=True
+    ):
+        torch.testing.assert_close(one, other, rtol=1e-12, atol=1e-12)

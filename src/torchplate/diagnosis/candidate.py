@@ -89,7 +89,6 @@ def candidates(
     model: PlateModel,
     theta: Tensor,
     channels: "Channels",
-    without: frozenset[str] = frozenset(),
 ) -> list[Candidate]:
     """Every effect that this model may lack, once for each choice of its options.
 
@@ -97,12 +96,11 @@ def candidates(
         model: as it is.
         theta: its searched parameters.
         channels: labels of the responses and references that were measured.
-        without: names of effects to leave out.
     """
     plan = model.plan(theta)
     found = []
     for name, kind in CATALOGUE.items():
-        if name in NEVER or name in without:
+        if name in NEVER:
             continue
         for chosen in _choices(kind, model, channels):
             effect = kind(**chosen)

@@ -25,14 +25,15 @@ LEAST_PART, LEAST_FALL = 0.04, 60.0
 LEAST_FALL_IN_DOUBT = 8.0
 # A doubted model counts as one that leaves so much.
 DOUBT = 20.0
-# The gap must fall by this part of itself: what moves residuals about within the variance of the model is no effect.
+# Where little is left the gap must fall by this part of itself: what moves residuals about within the variance of the
+# model is no effect. Before that it need not: peaks that do not overlap make it 1 wherever they are.
 SMALLEST_STEP = 0.005
 # Held-out residuals may rise by this part of the whole fall.
 HELD = 0.05
 # Mean square up to which nothing but noise is left.
 NOISE_ONLY = 1.15
 # A mean square that is little, and a gap in noise floors that is at the floor.
-LITTLE, AT_FLOOR = 3.0, 1.1
+LITTLE, AT_FLOOR = 3.0, 1.2
 
 
 @dataclass(frozen=True)
@@ -140,5 +141,5 @@ def is_needed(before: Fit, after: Hypothesis) -> bool:
     fall = before.cost - after.cost
     # Held-out FRFs may object; one that the missing effect hardly touches may rise a little while all others fall.
     held = float(after.fit.misfit.heldout) - float(before.misfit.heldout) < HELD * fall
-    nearer = after.fit.gap < (1 - SMALLEST_STEP) * before.gap
+    nearer = before.reduced_misfit > LITTLE or after.fit.gap < (1 - SMALLEST_STEP) * before.gap
     return held and nearer and fall / unit > LEAST_FALL and fall > LEAST_PART * before.cost

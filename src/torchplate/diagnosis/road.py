@@ -183,12 +183,13 @@ class Road:
             state = further or single
             if further is not None and (settled := self._explained(further)) is not None:
                 return settled, looks
-            if further is None or not _worth_its_name(state):
+            if further is None or not _explains_much(state):
                 break
-        return self._settled(_worth_their_names(state)), looks
+        state = _worth_their_names(state)
+        return self._explained(state) or self._settled(state), looks
 
     def _explained(self, state: State) -> State | None:
-        """The settled state if nothing but noise is left of it; None where more is."""
+        """The state, settled, if nothing but noise is left of it; None where more is."""
         fit = state.fit
         if not is_noise(fit) and (not fit.believed or fit.reduced_misfit > LITTLE):
             return None
@@ -196,7 +197,7 @@ class Road:
         if is_explained(settled.fit, self.bench.target):
             return settled
         self.bench.expect_mesh_error(self._mesh_error)
-        return None
+        return state if is_noise(fit) else None
 
     def _settled(self, state: State) -> State:
         """The last model once more, with the mesh error taken off where it now is.
@@ -275,16 +276,18 @@ class Road:
         return state
 
 
-def _worth_its_name(state: State) -> bool:
+def _explains_much(state: State) -> bool:
     """Whether the last effect explains much, or all that was left; else it may stand in for something else."""
     if state.previous is None or is_noise(state.fit) or not state.fit.believed:
         return True
-    before, after = state.previous.fit, state.fit
-    return after.cost <= LARGE_PART * before.cost and after.gap <= SEEN_PART * before.gap
+    return state.fit.cost <= LARGE_PART * state.previous.fit.cost
 
 
 def _worth_their_names(state: State) -> State:
     """Without the last effects, where something else is missing still and they only stand in for a little of it."""
-    while state.previous is not None and not _worth_its_name(state):
+    while state.previous is not None:
+        seen = is_noise(state.fit) or not state.fit.believed or state.fit.gap <= SEEN_PART * state.previous.fit.gap
+        if seen and _explains_much(state):
+            break
         state = state.previous
     return state

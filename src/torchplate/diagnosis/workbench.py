@@ -42,7 +42,7 @@ class Fineness(NamedTuple):
 
 
 # Where effects are looked for; and where the last model is settled.
-SEARCHING, SETTLING = Fineness(256, 0.02, 3e-5, 1.0), Fineness(576, 5e-3, 5e-6, 0.3)
+SEARCHING, SETTLING = Fineness(256, 0.02, 3e-5, 1.0), Fineness(576, 0.01, 1e-5, 0.5)
 
 
 class Workbench:
