@@ -15,12 +15,18 @@ from torchplate.model import Searched
 N_FITTED, N_HELDOUT = 1600, 400
 
 
-def fitted(square: float, heldout: float | None = None, prior: float = 0.0, gap: float | None = None) -> Fit:
+def fitted(
+    square: float,
+    heldout: float | None = None,
+    prior: float = 0.0,
+    gap: float | None = None,
+    n_fitted: int = N_FITTED,
+) -> Fit:
     """A fit that leaves so much, a fifth of it in held-out FRFs unless told otherwise."""
     held = square / 5 if heldout is None else heldout
     parts = torch.tensor([square - held, held], dtype=torch.float64)
     n_heldout = 0.0 if heldout == 0 else float(N_HELDOUT)
-    misfit = Misfit(parts[0], parts[1], float(N_FITTED), n_heldout)
+    misfit = Misfit(parts[0], parts[1], float(n_fitted), n_heldout)
     none = torch.zeros(0, dtype=torch.float64)
     return Fit(None, None, none, torch.zeros(0, 0), none, misfit, prior, square**0.5 if gap is None else gap)  # type: ignore[arg-type]
 
@@ -76,9 +82,11 @@ def test_what_leaves_much_knows_less_of_what_is_small():
 def test_what_the_variance_is_not_known_to_parts_nothing():
     # Sixty thousand numbers: a thousandth of all that is left is more than any fixed threshold.
     n = 60000.0
-    inside, outside = (hypothesis("thickness", n + part * EQUIVALENT_PART * n) for part in (0.98, 1.03))
+    inside, outside = (
+        hypothesis("thickness", n + part * EQUIVALENT_PART * n, n_fitted=int(n)) for part in (0.98, 1.03)
+    )
     for other, equivalent in ((inside, ("thickness",)), (outside, ())):
-        found = choose([hypothesis("density", n), other])
+        found = choose([hypothesis("density", n, n_fitted=int(n)), other])
         assert (found.best.name, found.equivalent) == ("density", equivalent)
 
 
@@ -135,8 +143,10 @@ def test_where_little_is_left_an_effect_must_close_the_gap():
 
 
 def test_an_effect_that_held_out_frfs_do_not_want_is_not_needed():
-    before = fitted(20000.0, heldout=4000.0)
-    assert not is_needed(before, hypothesis("density", 11000.0, heldout=9000.0))
+    before = fitted(20000.0, heldout=4000.0, gap=0.9)
+    assert not is_needed(before, hypothesis("density", 11000.0, heldout=9000.0, gap=0.8))
+    # Unless peaks begin to overlap on all of them.
+    assert is_needed(before, hypothesis("density", 11000.0, heldout=9000.0, gap=0.2))
     assert is_needed(before, hypothesis("density", 6000.0, heldout=3900.0))
     # One that it hardly touches may rise a hair while all others fall.
     assert is_needed(fitted(400000.0, heldout=900.0), hypothesis("channel_polarity", 30000.0, 0, heldout=1100.0))

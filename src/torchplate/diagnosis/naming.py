@@ -28,8 +28,8 @@ DOUBT = 20.0
 # Where little is left the gap must fall by this part of itself: what moves residuals about within the variance of the
 # model is no effect. Before that it need not: peaks that do not overlap make it 1 wherever they are.
 SMALLEST_STEP = 0.005
-# Held-out residuals may rise by this part of the whole fall.
-HELD = 0.05
+# Held-out residuals may rise by this part of the whole fall; or by more, where the gap falls to this part of itself.
+HELD, LARGE_STEP = 0.05, 0.75
 # Mean square up to which nothing but noise is left.
 NOISE_ONLY = 1.15
 # A mean square that is little, and a gap in noise floors that is at the floor.
@@ -141,5 +141,6 @@ def is_needed(before: Fit, after: Hypothesis) -> bool:
     fall = before.cost - after.cost
     # Held-out FRFs may object; one that the missing effect hardly touches may rise a little while all others fall.
     held = float(after.fit.misfit.heldout) - float(before.misfit.heldout) < HELD * fall
+    held = held or after.fit.gap <= LARGE_STEP * before.gap
     nearer = before.reduced_misfit > LITTLE or after.fit.gap < (1 - SMALLEST_STEP) * before.gap
     return held and nearer and fall / unit > LEAST_FALL and fall > LEAST_PART * before.cost

@@ -21,6 +21,8 @@ from torchplate.model.plate_model import PlateModel
 DENSE = 1000
 # Shift below zero [rad²/s²]: a free plate's K is singular, K + shift M is not. About 5 Hz.
 SHIFT = 1e3
+# Modes asked for beyond those expected: the count of a single plate scatters about its mean.
+SPARE = 8
 
 
 class SparseModel:
@@ -59,7 +61,7 @@ class SparseModel:
                 stiffness = stiffness + rows.T @ middle @ rows
             value, shape = scipy.linalg.eigh(stiffness, self.mass.toarray())
         else:
-            count = max(n_mode + 2, 20, self._most_modes(frequency) + 2)
+            count = max(n_mode + 2, 20, self._most_modes(frequency) + SPARE)
             while True:
                 count = min(count, n - 2)
                 inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=self.solve, dtype=np.float64)
