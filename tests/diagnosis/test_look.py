@@ -1,0 +1,129 @@
+"""One look over the catalogue: what came near before is tried again, and the best are followed to the end."""
+
+import pytest
+import torch
+
+from torchplate.diagnosis import look as module
+from torchplate.diagnosis.candidate import Candidate, candidates, channels_of
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.look import Look
+from torchplate.diagnosis.naming import Choice, Hypothesis
+from torchplate.diagnosis.noise import Noise
+from torchplate.diagnosis.screen import screen
+from torchplate.diagnosis.state import Looked, Naming, State
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.diagnosis.workbench import Workbench, with_candidate
+from torchplate.effects import CATALOGUE
+from torchplate.model import PlateModel, Searched
+from torchplate.plate import Mesh
+
+LINES = torch.linspace(10.0, 300.0, 100, dtype=torch.float64)
+RESPONSE, REFERENCE = (3, 17), (7, 9)
+NUMBERS = {"youngs_modulus": 2.05e11, "poisson_ratio": 0.3, "density": 7850.0, "thickness": 0.003}
+BOX = {"plate.youngs_modulus": Searched(1.8e11, 2.3e11), "loss.stiffness_loss_factor": Searched(1e-3, 5e-2, True)}
+
+
+def plate(searched=None, gain=1.0) -> PlateModel:
+    effects = {"plate": CATALOGUE["plate"](), "loss": CATALOGUE["hysteretic_damping"]()}
+    known = {f"plate.{name}": value for name, value in NUMBERS.items()} | {"loss.stiffness_loss_factor": 1e-2}
+    if gain != 1.0:
+        effects["amplifier"] = CATALOGUE["sensor_gain"]()
+        known["amplifier.gain"] = gain
+    known = {key: value for key, value in known.items() if key not in (searched or {})}
+    return PlateModel(Mesh(0.43, 0.3, 4, 4), effects, known, searched, list(RESPONSE), list(REFERENCE), "accelerance")
+
+
+class Scene:
+    """A baseline beside FRFs whose level is 10 % too high, with a noise of a hundredth."""
+
+    def __init__(self, lab, young=None):
+        with torch.no_grad():
+            frf = plate(gain=1.1).frf(lab.nobody, LINES)
+        std = lab.true_std(frf, 0.01, "signal")
+        noise = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std))
+        measured = lab.measured(LINES, frf + lab.noise_of(std, 4), RESPONSE, REFERENCE)
+        target = FrfTarget(measured, noise, torch.zeros(2, 2, dtype=torch.bool))
+        self.bench = Workbench(plate(BOX), target, as_given=True)
+        model = self.bench.given
+        self.look = Look(self.bench, {}, channels_of(model), lambda _: None)
+        theta = torch.tensor([young or 2.05e11, 1e-2], dtype=torch.float64)
+        if young is None:
+            self.fit = fit(self.bench, model, model.space.to_cube(theta)[None], wide=False)
+        else:
+            found = fit(self.bench, model, model.space.to_cube(theta)[None], wide=False)
+            self.fit = found._replace(theta=theta)
+        self.state = State(model, self.fit)
+
+    def candidate(self, name: str) -> Candidate:
+        every = candidates(self.state.model, self.fit.theta, self.look.channels)
+        return next(one for one in every if one.name == name)
+
+    def hypothesis(self, name: str, start=0.5) -> Hypothesis:
+        candidate = self.candidate(name)
+        whole = with_candidate(self.state.model, f"{name}_1", candidate)
+        place = torch.full((1, len(whole.names)), start, dtype=torch.float64)
+        return Hypothesis(candidate, f"{name}_1", fit(self.bench, whole, place, wide=False))
+
+
+@pytest.fixture(scope="module")
+def scene(lab):
+    with torch.no_grad():
+        return Scene(lab)
+
+
+@torch.no_grad()
+def test_what_came_near_before_is_tried_again_from_where_it_ended(scene):
+    gain, mass = scene.hypothesis("sensor_gain"), scene.hypothesis("point_mass")
+    assert gain.fit.gap < 0.2 * scene.fit.gap < mass.fit.gap
+    followed = Naming(mass, Choice(mass, (), gain, 1.0, 0.5), scene.fit)
+    model = with_candidate(scene.state.model, mass.label, mass.candidate)
+    state = State(model, mass.fit, (followed,), scene.state, Looked((), (mass, gain)))
+    (again,) = scene.look._again(state)
+    assert again.name == "sensor_gain"
+    values = dict(zip(again.fit.model.names, again.fit.theta.tolist(), strict=True))
+    assert values["sensor_gain_1.gain"] == pytest.approx(1.1, rel=0.01)
+    assert "point_mass_1.mass" in values
+    # Not where nothing was looked at before, nor what did not come near.
+    assert scene.look._again(scene.state) == []
+    assert scene.look._again(State(model, mass.fit, (followed,), scene.state, Looked((), (mass,)))) == []
+
+
+@torch.no_grad()
+def test_the_best_are_followed_as_long_as_that_takes_them_further(scene, monkeypatch):
+    ended, other = scene.hypothesis("point_mass"), scene.hypothesis("time_delay")
+    left = iter((0.5, 0.5, 0.499, 0.499))
+
+    def refit(model, candidate, label, start):
+        one = ended if candidate is ended.candidate else other
+        assert torch.allclose(start[0], one.fit.model.space.to_cube(one.fit.theta))
+        part = next(left)
+        misfit = one.fit.misfit._replace(fitted=part * one.fit.misfit.fitted)
+        return Hypothesis(one.candidate, label, one.fit._replace(misfit=misfit))
+
+    monkeypatch.setattr(scene.look, "_refit", refit)
+    found = scene.look._run_off(scene.state, [ended, other])
+    # A half less: once more. A hair less: that was the end.
+    assert list(left) == []
+    assert found[0].cost == pytest.approx(0.499 * min(ended.fit.cost, other.fit.cost) + found[0].price, rel=1e-6)
+
+
+@torch.no_grad()
+def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, monkeypatch):
+    starts = []
+
+    def descend(_problem, start, **_):
+        starts.append(start)
+        return start, start[:, 0]
+
+    monkeypatch.setattr(module, "widely", descend)
+    for young, on_edge in ((2.1e11, False), (2.29999e11, True)):
+        scene = Scene(lab, young)
+        base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+        every = screen(scene.bench, base, scene.fit.theta, [scene.candidate("sensor_gain")], {})
+        starts.clear()
+        scene.look._down(scene.state, every)
+        (tried,) = starts
+        column = every[0].model.names.index("plate.youngs_modulus")
+        assert (len(tried) == 2 * len(every[0].starts)) == on_edge
+        assert bool((tried[:, column] == 0.5).any()) == on_edge
+        assert torch.equal(tried[: len(every[0].starts)], every[0].starts)
