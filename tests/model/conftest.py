@@ -33,7 +33,7 @@ class LossField(Effect):
 
     def section(self, mesh: Mesh, section: Section, value: Mapping[str, torch.Tensor]) -> Section:
         x, y = mesh.element_place.to(value["base"]).unbind(-1)
-        return section._replace(loss_factor=value["base"][..., None] * (1 + x + 2 * y**2))
+        return section._replace(loss_factor=(value["base"][..., None] * (1 + x + 2 * y**2))[..., None])
 
 
 @dataclass(frozen=True)

@@ -306,7 +306,7 @@ def test_a_loss_of_single_elements_is_their_stiffness_in_quadrature() -> None:
     mesh = MESHES["held"]
     assembly, geometry = Assembly(mesh), geometry_of(mesh)
     loss = torch.rand(mesh.n_element, generator=torch.Generator().manual_seed(18), dtype=torch.float64)
-    system = assembly.system(uniform_section(loss_factor=loss), geometry, [], [])
+    system = assembly.system(uniform_section(loss_factor=loss[:, None]), geometry, [], [])
     rigidity = uniform_section().rigidity * loss[:, None, None]
     assert system.hysteretic is not None
     torch.testing.assert_close(

@@ -95,6 +95,30 @@ def localise(
     return Location(bands, channels, kind, field, tuple(sentence for sentence in sentences if sentence))
 
 
+@torch.no_grad()
+def missing_force(
+    measurement: Measurement,
+    noise_std: Float[Tensor, "n_frequency n_response n_reference"],
+    predicted: Complex[Tensor, "n_frequency n_response n_reference"],
+    model: PlateModel,
+    theta: Float[Tensor, " n_parameter"],
+) -> "Force | None":
+    """The force at one place that explains most of the misfit; None where there is none, or too few FRFs to say.
+
+    Args:
+        measurement: what was measured.
+        noise_std: standard deviation of the real and of the imaginary part, in its unit.
+        predicted: the model's FRFs.
+        model: it; its own responses and references are those of the measurement.
+        theta: its parameters [SI].
+    """
+    misfit = _Misfit.of(measurement, noise_std, predicted)
+    if misfit.excess <= (BEYOND_NOISE - 1) * misfit.noise:
+        return None
+    found = _force(misfit, measurement, model, theta)
+    return None if found is None else found[1]
+
+
 def channel_gaps(
     measurement: Measurement,
     noise_std: Float[Tensor, "n_frequency n_response n_reference"],
@@ -261,7 +285,7 @@ def _all_pairs(measurement: Measurement) -> list[tuple[int, int]]:
     return [(j, k) for j in range(len(measurement.response)) for k in range(len(measurement.reference))]
 
 
-class _Force(NamedTuple):
+class Force(NamedTuple):
     """A force at one place that would explain the misfit.
 
     Attributes:
@@ -386,7 +410,7 @@ class _Reach:
 
 def _force(
     misfit: _Misfit, measurement: Measurement, model: PlateModel, theta: Tensor
-) -> tuple[ForceMap, _Force] | None:
+) -> tuple[ForceMap, Force] | None:
     """The map over the plate and the best place; None where it would say nothing."""
     shape = measurement.measured.shape
     if misfit.n_frf < LEAST_FRF or measurement.kind == "transmissibility":
@@ -410,7 +434,7 @@ def _force(
         if scores[one] > scores[first] - NEAR and float((places[one] - places[first]).abs().max()) > 0.1
     )
     free = float(reach.index(*reach.best(places[first : first + 1]))[0])
-    return ForceMap(side, side, index), _Force(rounded[first], others, free, *kinds[first])
+    return ForceMap(side, side, index), Force(rounded[first], others, free, *kinds[first])
 
 
 def _peaks(index: Float[Tensor, "n_y n_x"], side: Float[Tensor, " n"]) -> Float[Tensor, "n_peak 2"]:
@@ -457,7 +481,7 @@ def _of_channels(channels: Sequence[ChannelGap]) -> str:
     )
 
 
-def _of_kind(force: _Force | None, chain: _Factor, one: _Factor) -> list[str]:
+def _of_kind(force: Force | None, chain: _Factor, one: _Factor) -> list[str]:
     """What explains most, in words: a place and kind, the sensor chain, or a channel."""
     at_place = 0.0 if force is None else force.parts["place"]
     # A factor that is the reason explains next to all; half can be had by turning down what sits at wrong frequencies.
@@ -479,7 +503,7 @@ def _of_kind(force: _Force | None, chain: _Factor, one: _Factor) -> list[str]:
     return said
 
 
-def _of_force(force: _Force) -> str:
+def _of_force(force: Force) -> str:
     where = [f"({x:.2f}, {y:.2f})" for x, y in (force.place, *force.others)]
     place = " or ".join(where[:3])
     kind = max(KINDS, key=lambda name: force.parts[name])

@@ -8,9 +8,11 @@ from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.candidate import Candidate, Channels, candidates, supports_at
 from torchplate.diagnosis.fit import Prior, Problem, fit, widely
+from torchplate.diagnosis.localise import UNIT, missing_force
 from torchplate.diagnosis.naming import Hypothesis, is_noise
 from torchplate.diagnosis.screen import Scored, new_label, screen, start_of, twins
 from torchplate.diagnosis.state import Looked, State
+from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.workbench import Workbench, with_candidate
 from torchplate.model import PlateModel
 
@@ -63,6 +65,7 @@ class Look:
         if bench.target.levels > 1 and misfit > NEARLY_RIGHT and not decided:
             widely_scored = screen(bench, base, state.fit.theta, everyone, self.prior)
             widely_scored = [self._from_afar(state, one) for one in widely_scored]
+            widely_scored = self._from_force(state, base, widely_scored)
             widely_scored = sorted(widely_scored, key=lambda one: -one.drop)
             ways = _promising(widely_scored, N_WIDE)
             ways += [one for one in widely_scored if one.candidate.replaces and all(one is not way for way in ways)]
@@ -142,6 +145,25 @@ class Look:
         before = 0.5 * float(given.residual(position, self.bench.target.levels - 2).square().sum())
         return promise._replace(model=problem.model, starts=starts, drop=max(promise.drop, 1 - float(left[0]) / before))
 
+    def _from_force(self, state: State, base: PlateModel, scored: Sequence[Scored]) -> list[Scored]:
+        """A start more for what acts at a point, where the residual force says that it is, and as large."""
+        target, fit = self.bench.target, state.fit
+        if not isinstance(target, FrfTarget) or not fit.believed:
+            return list(scored)
+        force = missing_force(target.measurement, target.variance.sqrt(), fit.prediction, fit.reduced, fit.theta)
+        found = []
+        for one in scored:
+            (key, kind), searched = _acts_like(one.candidate), one.candidate.searched
+            if force is not None and kind and force.parts[kind] >= FAINT and force.size[kind] > 0:
+                interval = searched[key]
+                size = min(max(force.size[kind], interval.low), interval.high)
+                values = {"x": force.place[0], "y": force.place[1], key: size}
+                start = start_of(one.model, fit.theta, base, values, one.label)
+                drop = max(one.drop, force.parts[kind])
+                one = one._replace(starts=torch.cat([start[None], one.starts]), drop=drop)
+            found.append(one)
+        return found
+
     def _down(self, state: State, promises: Sequence[Scored]) -> list[tuple[Scored, Tensor]]:
         """Candidates taken down the wide levels; those that end near the best, with where they end."""
         ends = []
@@ -178,6 +200,17 @@ class Look:
         found = fit(self.bench, whole, starts, self.prior, wide=False)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
         return Hypothesis(candidate, label, found)
+
+
+def _acts_like(candidate: Candidate) -> tuple[str, str]:
+    """The one strength of what acts at a point, and whether it is a stiffness, a damping or a mass; else empty."""
+    strengths = candidate.searched.keys() - {"x", "y"}
+    if candidate.has_place and len(strengths) == 1:
+        (key,) = strengths
+        for kind, unit in UNIT.items():
+            if candidate.effect.parameters[key].unit == unit:
+                return key, kind
+    return "", ""
 
 
 def _promising(promises: Sequence[Scored], wanted: int) -> list[Scored]:

@@ -2,16 +2,20 @@
 
 from dataclasses import dataclass
 
+import torch
+
 from torchplate.effects.effect import Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative, unit_interval
 from torchplate.plate import Mesh, Section
+from torchplate.plate.laminate import laminate
 
 
 @dataclass(frozen=True)
 class DampingPatch(Effect):
-    """Hysteretic loss factor of each element grows by loss_factor · coverage: K_e (1 + iη_e).
+    """Bending stiffness times 1 + iη under a square patch; elements that its edges cut are laminates of both.
 
-    The patch is a square of side size · √(Lx Ly) in metres, as in `stiffness_loss`. A mode's loss factor grows by η
+    The patch is a square of side size · √(Lx Ly) in metres, as in `stiffness_loss`. What the edges cut is a little
+    stiffer, too: across the cut the compliances 1 / (1 + iη) and 1 add. A mode's loss factor grows by η
     times the part of its strain energy that lies in the patch.
     """
 
@@ -27,12 +31,17 @@ class DampingPatch(Effect):
             prior=Prior(1e-3, 1.0, logarithmic=True),
         ),
     }
-    acts_on = frozenset({"damping"})
+    acts_on = frozenset({"damping", "section"})
     shows = "Rounds the peaks of modes that bend in the patch and no others; frequencies stay."
     source = "Ungar and Kerwin, Loss factors of viscoelastic systems in terms of energy concepts, JASA 34 (1962) 954"
 
     def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
-        """The loss factor of each element, on top of what it has."""
+        """The loss factors of each element, on top of what it has."""
         along_x, along_y = mesh.coverage(value["x"], value["y"], value["size"])
-        extra = value["loss_factor"][..., None] * along_x * along_y
-        return section._replace(loss_factor=extra if section.loss_factor is None else section.loss_factor + extra)
+        lossy = torch.complex(torch.ones_like(value["loss_factor"]), value["loss_factor"])[..., None]
+        left = laminate(lossy, along_x, along_y, section.poisson_ratio)
+        extra = left.imag / left.real
+        return section._replace(
+            stiffness_factor=section.stiffness_factor * left.real,
+            loss_factor=extra if section.loss_factor is None else section.loss_factor + extra,
+        )

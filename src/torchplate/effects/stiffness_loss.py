@@ -2,13 +2,10 @@
 
 from dataclasses import dataclass
 
-import torch
-from jaxtyping import Float
-from torch import Tensor
-
 from torchplate.effects.effect import Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, positive, unit_interval
 from torchplate.plate import Mesh, Section
+from torchplate.plate.laminate import laminate
 
 
 @dataclass(frozen=True)
@@ -36,29 +33,5 @@ class StiffnessLoss(Effect):
     def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
         """What is left of the rigidity of each element."""
         along_x, along_y = mesh.coverage(value["x"], value["y"], value["size"])
-        factor = value["factor"][..., None]
-        left = _laminate(factor, along_x, along_y, section.poisson_ratio)
-        # Where an edge of the patch crosses a corner of an element the order would matter a little.
-        turned = _laminate(factor, along_y, along_x, section.poisson_ratio)[..., [1, 0, 2, 3]]
-        return section._replace(stiffness_factor=section.stiffness_factor * 0.5 * (left + turned))
-
-
-def _laminate(
-    factor: Float[Tensor, "*#batch 1"],
-    inner: Float[Tensor, "*#batch n_element"],
-    outer: Float[Tensor, "*#batch n_element"],
-    poisson_ratio: Float[Tensor, "*#batch #n_element"],
-) -> Float[Tensor, "*batch n_element 4"]:
-    """D₁₁, D₂₂, D₁₂ and D₃₃ of an element over the sound ones, if the patch covers such parts of its sides.
-
-    Across a cut the moment is the same on both sides, along it the curvature: first laminated along the inner side,
-    then the result and the sound rest along the outer one.
-    """
-    nu = poisson_ratio.square()
-    mean, across = 1 + inner * (factor - 1), 1 / (1 + inner * (1 / factor - 1))
-    beside = (1 - nu) * mean + nu * across
-    second = 1 / (1 + outer * (1 / beside - 1))
-    coupled = 1 + outer * (across / beside - 1)
-    first = outer * (across - nu * across.square() / beside) + (1 - outer) * (1 - nu) + nu * coupled.square() * second
-    parts = torch.broadcast_tensors(first, second, coupled * second, 1 + outer * (mean - 1))
-    return torch.stack(parts, dim=-1)
+        left = laminate(value["factor"][..., None], along_x, along_y, section.poisson_ratio)
+        return section._replace(stiffness_factor=section.stiffness_factor * left)

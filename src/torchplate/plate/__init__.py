@@ -4,6 +4,7 @@
 - `element`: the 12-dof rectangle of the seed paper (Eq. 6–16).
 - `section`: what each element is made of (Section), how long the plate is (Geometry), what is added at a place
   (Local), damping in proportion to the whole model (Proportional), and all of these for one batch (Plan).
+- `laminate`: elements that the edges of a patch cut.
 - `assemble`: Section and Local to mass, stiffness and damping, in every dof or in a reduced basis.
 """
 

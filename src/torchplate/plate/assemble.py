@@ -179,7 +179,7 @@ class Assembly(nn.Module):
         stiffness, mass = self.stiffness(rigidity, geometry), self.mass(section.areal_mass, geometry)
         hysteretic = None
         if section.loss_factor is not None:
-            hysteretic = self.stiffness(rigidity * section.loss_factor[..., None, None], geometry)
+            hysteretic = self.stiffness(section.lossy_rigidity, geometry)
         dashpots, viscous = [stiffness.new_zeros(0, self.size)], [stiffness.new_zeros(0)]
         for term in terms:
             row = self.rows(term.vector)
@@ -208,8 +208,7 @@ class Assembly(nn.Module):
         viscous = csr_array(stiffness.shape)
         hysteretic = None
         if section.loss_factor is not None:
-            lossy = section.rigidity * section.loss_factor[..., None, None]
-            hysteretic = self._sparse(self.stiffness_coefficient(lossy, geometry), self.pattern)
+            hysteretic = self._sparse(self.stiffness_coefficient(section.lossy_rigidity, geometry), self.pattern)
         for term in terms:
             # Without the correction, which would fill the matrices; it is of the order of the mesh error of a spring.
             row = csr_array(term.vector[..., self.free].double().cpu().numpy())

@@ -29,7 +29,8 @@ class Section(NamedTuple):
     thickness: Float[Tensor, "*batch n_element"]  # [m]
     # D₁₁, D₂₂, D₁₂ and D₃₃ over those of the sound section; a last dimension of 1 means the same for all four [-].
     stiffness_factor: Float[Tensor, "*batch n_element n_entry"]
-    loss_factor: Float[Tensor, "*batch n_element"] | None = None  # hysteretic, beside that of the whole model [-]
+    # Hysteretic loss factors of the same four, beside that of the whole model [-].
+    loss_factor: Float[Tensor, "*batch n_element n_entry"] | None = None
 
     @property
     def areal_mass(self) -> Float[Tensor, "*batch n_element"]:
@@ -43,12 +44,25 @@ class Section(NamedTuple):
         D = h³/12 · [[E_x, ν√(E_x E_y), 0], [ν√(E_x E_y), E_y, 0], [0, 0, G(1 − ν²)]] / (1 − ν²).
         Source: seed paper, Eq. 12, for E_x = E_y; Lekhnitskii, Anisotropic Plates (1968), for the orthotropic plate.
         """
+        return self._matrix(self.stiffness_factor)
+
+    @property
+    def lossy_rigidity(self) -> Float[Tensor, "*batch n_element 3 3"]:
+        """Rigidity times the elements' own loss factors [N m]; zero where they have none."""
+        return self._matrix(
+            torch.zeros_like(self.stiffness_factor)
+            if self.loss_factor is None
+            else (self.stiffness_factor * self.loss_factor)
+        )
+
+    def _matrix(self, factor: Float[Tensor, "*#batch _ n_entry"]) -> Float[Tensor, "*batch n_element 3 3"]:
+        """The sound rigidity, its entries times factors."""
         mean = self.youngs_modulus * self.thickness**3 / 12
         plane = mean / (1 - self.poisson_ratio**2)
         root = self.young_ratio.sqrt()
         shear = self.shear_factor * mean / (2 * (1 + self.poisson_ratio))
         sound = torch.broadcast_tensors(plane / root, plane * root, plane * self.poisson_ratio, shear)
-        along_x, along_y, cross, twist = (torch.stack(sound, dim=-1) * self.stiffness_factor).unbind(-1)
+        along_x, along_y, cross, twist = (torch.stack(sound, dim=-1) * factor).unbind(-1)
         zero = torch.zeros_like(cross)
         flat = torch.stack([along_x, cross, zero, cross, along_y, zero, zero, zero, twist], dim=-1)
         return flat.unflatten(-1, (3, 3))
