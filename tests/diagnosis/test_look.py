@@ -18,31 +18,35 @@ from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
 LINES = torch.linspace(10.0, 300.0, 100, dtype=torch.float64)
-RESPONSE, REFERENCE = (3, 17), (7, 9)
+RESPONSE, REFERENCE = (3, 17), (7, 9, 21)
+SPOT = (0.31, 0.62)
 NUMBERS = {"youngs_modulus": 2.05e11, "poisson_ratio": 0.3, "density": 7850.0, "thickness": 0.003}
 BOX = {"plate.youngs_modulus": Searched(1.8e11, 2.3e11), "loss.stiffness_loss_factor": Searched(1e-3, 5e-2, True)}
 
 
-def plate(searched=None, gain=1.0) -> PlateModel:
+def plate(searched=None, gain=1.0, mass=0.0) -> PlateModel:
     effects = {"plate": CATALOGUE["plate"](), "loss": CATALOGUE["hysteretic_damping"]()}
     known = {f"plate.{name}": value for name, value in NUMBERS.items()} | {"loss.stiffness_loss_factor": 1e-2}
     if gain != 1.0:
         effects["amplifier"] = CATALOGUE["sensor_gain"]()
         known["amplifier.gain"] = gain
+    if mass:
+        effects["lump"] = CATALOGUE["point_mass"]()
+        known |= {"lump.x": SPOT[0], "lump.y": SPOT[1], "lump.mass": mass}
     known = {key: value for key, value in known.items() if key not in (searched or {})}
     return PlateModel(Mesh(0.43, 0.3, 4, 4), effects, known, searched, list(RESPONSE), list(REFERENCE), "accelerance")
 
 
 class Scene:
-    """A baseline beside FRFs whose level is 10 % too high, with a noise of a hundredth."""
+    """A baseline beside FRFs whose level is 10 % too high unless told otherwise, with a noise of a hundredth."""
 
-    def __init__(self, lab, young=None):
+    def __init__(self, lab, young=None, hidden=None):
         with torch.no_grad():
-            frf = plate(gain=1.1).frf(lab.nobody, LINES)
+            frf = plate(**(hidden or {"gain": 1.1})).frf(lab.nobody, LINES)
         std = lab.true_std(frf, 0.01, "signal")
         noise = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std))
         measured = lab.measured(LINES, frf + lab.noise_of(std, 4), RESPONSE, REFERENCE)
-        target = FrfTarget(measured, noise, torch.zeros(2, 2, dtype=torch.bool))
+        target = FrfTarget(measured, noise, torch.zeros(2, 3, dtype=torch.bool))
         self.bench = Workbench(plate(BOX), target, as_given=True)
         model = self.bench.given
         self.look = Look(self.bench, {}, channels_of(model), lambda _: None)
@@ -51,7 +55,7 @@ class Scene:
             self.fit = fit(self.bench, model, model.space.to_cube(theta)[None], wide=False)
         else:
             found = fit(self.bench, model, model.space.to_cube(theta)[None], wide=False)
-            self.fit = found._replace(theta=theta)
+            self.fit = found._replace(theta=theta, prediction=self.bench.predict(model, theta))
         self.state = State(model, self.fit)
 
     def candidate(self, name: str) -> Candidate:
@@ -127,3 +131,24 @@ def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, m
         assert (len(tried) == 2 * len(every[0].starts)) == on_edge
         assert bool((tried[:, column] == 0.5).any()) == on_edge
         assert torch.equal(tried[: len(every[0].starts)], every[0].starts)
+
+
+@torch.no_grad()
+def test_the_residual_force_says_where_to_start_and_how_large(lab):
+    # 5 % of the plate: peaks do not overlap.
+    scene = Scene(lab, 2.05e11, {"mass": 0.15})
+    base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    names = ("point_mass", "ground_spring", "stiffness_loss", "density")
+    scored = screen(scene.bench, base, scene.fit.theta, [scene.candidate(name) for name in names], {})
+    found = {one.candidate.name: one for one in scene.look._from_force(scene.state, base, scored)}
+    before = {one.candidate.name: one for one in scored}
+    for name in ("stiffness_loss", "density"):
+        assert found[name] is before[name]
+    first = found["point_mass"].model.space.to_si(found["point_mass"].starts[0])
+    values = dict(zip(found["point_mass"].model.names, first.tolist(), strict=True))
+    assert values["point_mass_1.x"] == pytest.approx(SPOT[0], abs=0.04)
+    assert values["point_mass_1.y"] == pytest.approx(SPOT[1], abs=0.04)
+    assert values["point_mass_1.mass"] == pytest.approx(0.15, rel=0.3)
+    assert values["plate.youngs_modulus"] == pytest.approx(float(scene.fit.theta[0]))
+    assert torch.equal(found["point_mass"].starts[1:], before["point_mass"].starts)
+    assert found["point_mass"].drop >= 0.5
