@@ -21,6 +21,7 @@ def fitted(
     prior: float = 0.0,
     gap: float | None = None,
     n_fitted: int = N_FITTED,
+    believed: bool = True,
 ) -> Fit:
     """A fit that leaves so much, a fifth of it in held-out FRFs unless told otherwise."""
     held = square / 5 if heldout is None else heldout
@@ -28,7 +29,7 @@ def fitted(
     n_heldout = 0.0 if heldout == 0 else float(N_HELDOUT)
     misfit = Misfit(parts[0], parts[1], float(n_fitted), n_heldout)
     none = torch.zeros(0, dtype=torch.float64)
-    return Fit(None, None, none, torch.zeros(0, 0), none, misfit, prior, square**0.5 if gap is None else gap)  # type: ignore[arg-type]
+    return Fit(None, None, none, torch.zeros(0, 0), none, misfit, prior, square**0.5 if gap is None else gap, believed)  # type: ignore[arg-type]
 
 
 def hypothesis(name: str, square: float, n_parameter: int = 1, **fit) -> Hypothesis:
@@ -152,3 +153,16 @@ def test_an_effect_that_held_out_frfs_do_not_want_is_not_needed():
     assert is_needed(fitted(400000.0, heldout=900.0), hypothesis("channel_polarity", 30000.0, 0, heldout=1100.0))
     # Where nothing is held out, nothing can object.
     assert is_needed(fitted(20000.0, heldout=0), hypothesis("density", 6000.0, heldout=0))
+
+
+def test_where_the_model_is_doubted_a_part_of_what_is_left_counts():
+    # Twelve independent numbers: 12 ln of what is left.
+    doubted = {"n_fitted": 12, "heldout": 0, "believed": False}
+    before = fitted(144.0, **doubted, gap=0.5, prior=20.0)
+    assert not is_needed(before, hypothesis("point_mass", 130.0, 3, **doubted, gap=0.45, prior=20.0))
+    # A broken tolerance that is whole again counts as much.
+    assert is_needed(before, hypothesis("point_mass", 130.0, 3, **doubted, gap=0.45))
+    assert is_needed(before, hypothesis("orthotropy", 30.0, 2, **doubted, gap=0.45, prior=20.0))
+    # Nearly nothing by the weighed lines, but peaks overlap now.
+    assert is_needed(before, hypothesis("point_mass", 70.0, 3, **doubted, gap=0.2, prior=20.0))
+    assert not is_needed(before, hypothesis("point_mass", 150.0, 3, **doubted, gap=0.2, prior=20.0))

@@ -14,15 +14,16 @@ from torchplate.diagnosis.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
 from torchplate.diagnosis.target import FrfTarget, Target
 
-# What a parameter must take from the sum of squares to pay for itself.
-PRICE = 8.0
+# What a parameter must take from the sum of squares to pay for itself; and where the model is doubted, so that few
+# numbers are independent.
+PRICE, PRICE_IN_DOUBT = 8.0, 2.5
 # Hypotheses closer than this to the best, or than this part of all that speaks against it, cannot be told from it: the
 # variance of the noise and of the mesh error is not known any better.
 EQUIVALENT, EQUIVALENT_PART = 14.0, 1.5e-3
 # An effect is taken where it takes this part of all that speaks against the model, and at least so much.
 LEAST_PART, LEAST_FALL = 0.04, 60.0
-# The same where the model is doubted: independent numbers are few then.
-LEAST_FALL_IN_DOUBT = 8.0
+# The same where the model is doubted: independent numbers are few then; or it makes the gap so much smaller.
+LEAST_FALL_IN_DOUBT, HALVED = 8.0, 0.5
 # A doubted model counts as one that leaves so much.
 DOUBT = 20.0
 # Where little is left the gap must fall by this part of itself: what moves residuals about within the variance of the
@@ -58,7 +59,8 @@ class Hypothesis:
     @property
     def price(self) -> float:
         """Of its parameters; a choice among channels or edges is one, too."""
-        return PRICE * (len(self.candidate.searched) + bool(self.candidate.options))
+        each = PRICE if self.fit.believed else PRICE_IN_DOUBT
+        return each * (len(self.candidate.searched) + bool(self.candidate.options))
 
     @property
     def cost(self) -> float:
@@ -136,7 +138,9 @@ def confidence(margin: float, misfit: float) -> float:
 def is_needed(before: Fit, after: Hypothesis) -> bool:
     """Whether an effect takes enough from what speaks against the model, on held-out FRFs too."""
     if not after.fit.believed:
-        return before.cost - after.cost > LEAST_FALL_IN_DOUBT + after.price - PRICE
+        fall = before.cost - after.cost
+        halved = fall > 0 and after.fit.gap <= HALVED * before.gap
+        return halved or fall > LEAST_FALL_IN_DOUBT
     unit = max(1.0, after.fit.reduced_misfit)
     fall = before.cost - after.cost
     # Held-out FRFs may object; one that the missing effect hardly touches may rise a little while all others fall.
