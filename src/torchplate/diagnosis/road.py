@@ -17,7 +17,7 @@ from torchplate.diagnosis.fit import Fit, Problem, fit, widely
 from torchplate.diagnosis.holdout import exchanged, held_out
 from torchplate.diagnosis.ledger import Diagnosis
 from torchplate.diagnosis.look import Look
-from torchplate.diagnosis.naming import LITTLE, Choice, choose, is_explained, is_needed, is_noise
+from torchplate.diagnosis.naming import Choice, choose, is_explained, is_needed, is_noise
 from torchplate.diagnosis.noise import Noise, noise_level
 from torchplate.diagnosis.state import Looked, Naming, State, Travelled
 from torchplate.diagnosis.summary import summarise
@@ -37,8 +37,9 @@ LARGE_PART, SEEN_PART = 0.5, 0.9
 # A second effect is looked for beside one that leaves at most this part of the gap, or of what spoke against the model;
 # and beside the second best too, if no more than so many times as much speaks against it.
 SMALLER_GAP, SMALLER_COST, BESIDE = 0.75, 0.5, 6.0
-# Gaps, in noise floors, below which what closed them may have been the mesh.
-SMALL_GAP = 3.0
+# Mean square up to which the mesh may be what is left; and gaps, in noise floors, below which what closed them may have
+# been the mesh.
+PERHAPS_MESH, SMALL_GAP = 12.0, 3.0
 # Mean square of what is left beyond which the model as such is doubted, where there are fewer FRFs than this: several
 # FRFs say plainly that nothing of the catalogue explains them, one or two do not.
 FAR_OFF, FEW = 20.0, 3
@@ -191,7 +192,7 @@ class Road:
     def _explained(self, state: State) -> State | None:
         """The state, settled, if nothing but noise is left of it; None where more is."""
         fit = state.fit
-        if not is_noise(fit) and (not fit.believed or fit.reduced_misfit > LITTLE):
+        if not is_noise(fit) and (not fit.believed or fit.reduced_misfit > PERHAPS_MESH):
             return None
         settled = self._settled(state)
         if is_explained(settled.fit, self.bench.target):
@@ -208,7 +209,7 @@ class Road:
         bench, target = self.bench, self.bench.target
         if len(state.named) > 1:
             state = self._without_needless(state, bench, state.named)
-        little = isinstance(target, FrfTarget) and state.fit.believed and state.fit.reduced_misfit < LITTLE
+        little = isinstance(target, FrfTarget) and state.fit.believed and state.fit.reduced_misfit < PERHAPS_MESH
         if not little and not state.named:
             return state
         if little:
