@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.localise import channel_gaps, localise
+from torchplate.diagnosis.localise import channel_gaps, localise, missing_force
 from torchplate.diagnosis.noise import noise_level
 from torchplate.effects import CATALOGUE
 
@@ -185,6 +185,20 @@ def test_channels_carry_their_gaps_before_and_after(lab):
         assert one.floor == pytest.approx(0.01, rel=0.02)
         assert one.heldout == ((one.response, one.reference) == ("17w", f"{case.reference[4]}w"))
     assert case.located(after=after).channels[0].after < 0.06
+
+
+def test_exchanged_channels_that_the_model_knows_leave_no_map(lab):
+    # FRFs to other places would have to know of both.
+    known = {"crossed": (CATALOGUE["channel_swap"](channels=[(3, None), (17, None)]), {})}
+    case = Case(lab, hide("point_mass", PLACE | {"mass": 0.008}), known)
+    found = case.located()
+    assert found.map is None
+    assert len(found.bands) > 0
+    assert missing_force(case.measured, case.std, case.predicted, case.model, case.theta) is None
+    plain = Case(lab, hide("point_mass", PLACE | {"mass": 0.008}))
+    force = missing_force(plain.measured, plain.std, plain.predicted, plain.model, plain.theta)
+    assert force is not None
+    assert force.place == pytest.approx((0.27, 0.68), abs=0.03)
 
 
 @pytest.mark.parametrize("n_reference", [1, 2])

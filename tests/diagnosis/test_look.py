@@ -79,7 +79,7 @@ def scene(lab):
 def test_what_came_near_before_is_tried_again_from_where_it_ended(scene):
     gain, mass = scene.hypothesis("sensor_gain"), scene.hypothesis("point_mass")
     assert gain.fit.gap < 0.2 * scene.fit.gap < mass.fit.gap
-    followed = Naming(mass, Choice(mass, (), gain, 1.0, 0.5), scene.fit)
+    followed = Naming(mass, Choice(mass, (), gain, 1.0), scene.fit)
     model = with_candidate(scene.state.model, mass.label, mass.candidate)
     state = State(model, mass.fit, (followed,), scene.state, Looked((), (mass, gain)))
     (again,) = scene.look._again(state)

@@ -7,7 +7,15 @@ import torch
 
 from torchplate.diagnosis.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
-from torchplate.diagnosis.naming import EQUIVALENT, EQUIVALENT_PART, Hypothesis, choose, confidence, is_needed
+from torchplate.diagnosis.naming import (
+    EQUIVALENT,
+    EQUIVALENT_PART,
+    Hypothesis,
+    choose,
+    confidence,
+    confidence_in_the_end,
+    is_needed,
+)
 from torchplate.diagnosis.target import Misfit
 from torchplate.effects import CATALOGUE
 from torchplate.model import Searched
@@ -68,7 +76,7 @@ def test_a_second_best_that_is_followed_is_no_twin_or_rival_of_itself():
     assert (found.best.name, found.equivalent) == ("thickness", ("orthotropy",))
     assert found.next_best is not None
     assert found.next_best.name == "density"
-    assert found.confidence < 0.1
+    assert confidence_in_the_end(found, found.best.fit, False) < 0.1
 
 
 def test_what_leaves_much_knows_less_of_what_is_small():
@@ -109,7 +117,7 @@ def test_a_broken_tolerance_and_held_out_residuals_speak_against_it():
 def test_another_option_of_the_same_effect_is_no_rival():
     found = choose([hypothesis("channel_polarity", 2000.0, 0), hypothesis("channel_polarity", 2001.0, 0)])
     assert (found.equivalent, found.next_best, found.margin) == ((), None, math.inf)
-    assert 0.9 < found.confidence < 1
+    assert 0.9 < confidence_in_the_end(found, found.best.fit, False) < 1
 
 
 def test_confidence_grows_with_the_margin_and_falls_with_what_is_left():
@@ -120,6 +128,20 @@ def test_confidence_grows_with_the_margin_and_falls_with_what_is_left():
     left = [confidence(math.inf, misfit) for misfit in (1.0, 3.0, 30.0, 3000.0)]
     assert left == sorted(left, reverse=True)
     assert left[-1] < 0.3
+
+
+def test_what_came_after_it_speaks_for_the_first_of_two():
+    # At the time a rival was as near, and much was left; with the second effect nothing is.
+    first, rival = hypothesis("point_mass", 300000.0, 3), hypothesis("stiffness_loss", 300000.0, 4)
+    found = choose([first, rival, hypothesis("density", 309000.0)])
+    assert found.next_best is not None
+    last = fitted(2000.0)
+    assert confidence_in_the_end(found, first.fit, False) < 0.3
+    assert confidence_in_the_end(found, last, True) > 0.95
+    # Not where the last model leaves as much, nor for the last effect of it.
+    assert confidence_in_the_end(found, first.fit, True) < 0.3
+    close = choose([hypothesis("point_mass", 2000.0), hypothesis("density", 2000.0 + 1.1 * EQUIVALENT)])
+    assert confidence_in_the_end(close, close.best.fit, False) < 0.6
 
 
 def test_an_effect_is_needed_where_it_takes_much_of_all_there_is():

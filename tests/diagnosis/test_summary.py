@@ -50,7 +50,7 @@ class Ended:
             target.whole_gap(prediction),
         )
         one = Hypothesis(Candidate(CATALOGUE["density"](), {}, {}, {}), "one", fit)
-        self.state = State(model, fit, (Naming(one, Choice(one, (), None, 1.0, 0.9), fit),) * n_named)
+        self.state = State(model, fit, (Naming(one, Choice(one, (), None, 1.0), fit),) * n_named)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.ledger import Band, ChannelGap, ForceMap, Location
-from torchplate.effects import SensorChain
+from torchplate.effects import ChannelSwap, SensorChain
 from torchplate.measurement import Measurement
 from torchplate.model import PlateModel
 from torchplate.model.frf import DERIVATIVE, laplace_lines, sensor_chain
@@ -414,6 +414,9 @@ def _force(
     """The map over the plate and the best place; None where it would say nothing."""
     shape = measurement.measured.shape
     if misfit.n_frf < LEAST_FRF or measurement.kind == "transmissibility":
+        return None
+    if any(isinstance(effect, ChannelSwap) for effect in model.effects.values()):
+        # It speaks of FRFs of these channels alone, and the map asks for those to other places.
         return None
     if model.response is None or model.reference is None or (len(model.response), len(model.reference)) != shape:
         return None

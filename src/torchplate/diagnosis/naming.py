@@ -77,14 +77,14 @@ class Choice:
         equivalent: names of the others that are as good.
         next_best: the best of those that are not; None if there is none.
         margin: by which that one is worse.
-        confidence: that the true effect is the named one or one of its equivalents.
+        alike: by which an equivalent may be.
     """
 
     best: Hypothesis
     equivalent: tuple[str, ...]
     next_best: Hypothesis | None
     margin: float
-    confidence: float
+    alike: float = EQUIVALENT
 
 
 def choose(hypotheses: Sequence[Hypothesis], best: Hypothesis | None = None) -> Choice:
@@ -108,8 +108,7 @@ def choose(hypotheses: Sequence[Hypothesis], best: Hypothesis | None = None) -> 
             others.append(other)
     next_best = others[0] if others else None
     margin = (others[0].cost - best.cost) / unit if others else math.inf
-    sure = confidence(margin - alike, unit if best.fit.believed else DOUBT)
-    return Choice(best, tuple(dict.fromkeys(equivalent)), next_best, margin, sure)
+    return Choice(best, tuple(dict.fromkeys(equivalent)), next_best, margin, alike)
 
 
 def is_noise(fit: Fit) -> bool:
@@ -121,6 +120,22 @@ def is_explained(fit: Fit, target: Target) -> bool:
     """Whether nothing but noise is left, or the gap is at the floor: lines far below the others may say otherwise."""
     little = fit.reduced_misfit < LITTLE or not fit.believed
     return is_noise(fit) or (isinstance(target, FrfTarget) and little and fit.gap <= AT_FLOOR * target.floor)
+
+
+def confidence_in_the_end(choice: Choice, last: Fit, more_followed: bool) -> float:
+    """Probability that the set is right, now that the last model is known.
+
+    Args:
+        choice: as it was made.
+        last: the last model.
+        more_followed: whether other effects were named after it: with them the model explains what a rival, alone, did
+            not.
+    """
+    misfit = last.reduced_misfit
+    margin = choice.margin
+    if more_followed and choice.next_best is not None and last.believed:
+        margin = max(margin, (choice.next_best.cost - last.cost) / max(1.0, misfit))
+    return confidence(margin - choice.alike, misfit if last.believed else DOUBT)
 
 
 def confidence(margin: float, misfit: float) -> float:

@@ -8,7 +8,7 @@ import torch
 from torchplate.diagnosis.fit import Fit, Prior
 from torchplate.diagnosis.ledger import Diagnosis, Estimate, Gap, Location, Named, Overlay, Scored, Step, Verdict
 from torchplate.diagnosis.localise import localise
-from torchplate.diagnosis.naming import LEAST_FALL, LEAST_PART, Hypothesis, is_explained
+from torchplate.diagnosis.naming import LEAST_FALL, LEAST_PART, Hypothesis, confidence_in_the_end, is_explained
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.noise import Noise
 from torchplate.diagnosis.screen import twins
@@ -33,7 +33,7 @@ def summarise(seen: Travelled, seconds: float) -> Diagnosis:
     bench, noise, baseline, final = seen.bench, seen.noise, seen.baseline, seen.final
     verdict = _verdict(bench, final)
     finer = _finer_mesh(seen)
-    effects = tuple(_named(bench, one, final.fit) for one in final.named)
+    effects = tuple(_named(bench, one, final) for one in final.named)
     sets = [(one.name, *one.equivalent) for one in effects]
     unexplained = verdict in ("unexplained", "partly_explained")
     n_frf = len(bench.target.measurement.pairs) if isinstance(bench.target, FrfTarget) else 0
@@ -86,7 +86,8 @@ def _verdict(bench: Workbench, final: State) -> Verdict:
     return "explained" if explained else "partly_explained"
 
 
-def _named(bench: Workbench, naming: Naming, final: Fit) -> Named:
+def _named(bench: Workbench, naming: Naming, last: State) -> Named:
+    final = last.fit
     hypothesis, choice = naming.hypothesis, naming.choice
     before, after = (float(bench.target.gap(one.prediction)) for one in (naming.before, hypothesis.fit))
     found = _estimates(final)
@@ -108,7 +109,7 @@ def _named(bench: Workbench, naming: Naming, final: Fit) -> Named:
         label=hypothesis.label,
         options=hypothesis.candidate.options,
         equivalent=equivalent,
-        confidence=round(choice.confidence, 3),
+        confidence=round(confidence_in_the_end(choice, final, naming is not last.named[-1]), 3),
         parameters=parameters,
         evidence=text,
         gap_before=before,
