@@ -33,8 +33,9 @@ SMALLEST_STEP = 0.005
 HELD, LARGE_STEP = 0.05, 0.75
 # Mean square up to which nothing but noise is left.
 NOISE_ONLY = 1.15
-# A mean square that is little, and a gap in noise floors that is at the floor.
-LITTLE, AT_FLOOR = 3.0, 1.2
+# A mean square that is little; and a gap in noise floors that is at the floor, where nothing was named and where
+# something was.
+LITTLE, AT_FLOOR = 3.0, (1.1, 1.2)
 
 
 @dataclass(frozen=True)
@@ -116,10 +117,10 @@ def is_noise(fit: Fit) -> bool:
     return fit.believed and fit.reduced_misfit <= NOISE_ONLY
 
 
-def is_explained(fit: Fit, target: Target) -> bool:
+def is_explained(fit: Fit, target: Target, named: bool) -> bool:
     """Whether nothing but noise is left, or the gap is at the floor: lines far below the others may say otherwise."""
     little = fit.reduced_misfit < LITTLE or not fit.believed
-    return is_noise(fit) or (isinstance(target, FrfTarget) and little and fit.gap <= AT_FLOOR * target.floor)
+    return is_noise(fit) or (isinstance(target, FrfTarget) and little and fit.gap <= AT_FLOOR[named] * target.floor)
 
 
 def confidence_in_the_end(choice: Choice, last: Fit, more_followed: bool) -> float:

@@ -195,7 +195,7 @@ class Road:
         if not is_noise(fit) and (not fit.believed or fit.reduced_misfit > PERHAPS_MESH):
             return None
         settled = self._settled(state)
-        if is_explained(settled.fit, self.bench.target):
+        if is_explained(settled.fit, self.bench.target, bool(settled.named)):
             return settled
         self.bench.expect_mesh_error(self._mesh_error)
         return state if is_noise(fit) else None

@@ -80,7 +80,7 @@ def _finer_mesh(seen: Travelled) -> tuple[Named, ...]:
 
 
 def _verdict(bench: Workbench, final: State) -> Verdict:
-    explained = is_explained(final.fit, bench.target)
+    explained = is_explained(final.fit, bench.target, bool(final.named))
     if not final.named:
         return "consistent" if explained else "unexplained"
     return "explained" if explained else "partly_explained"
