@@ -125,6 +125,8 @@ def test_confidence_grows_with_the_margin_and_falls_with_what_is_left():
     sure = [confidence(margin, 1.0) for margin in margins]
     assert sure == sorted(sure)
     assert sure[0] < 0.7 < 0.95 < sure[-1] < 1
+    # A second best that is followed may have been far worse at the time.
+    assert 0 <= confidence(-1e9, 1.0) < 1e-9
     left = [confidence(math.inf, misfit) for misfit in (1.0, 3.0, 30.0, 3000.0)]
     assert left == sorted(left, reverse=True)
     assert left[-1] < 0.3

@@ -146,7 +146,7 @@ def confidence(margin: float, misfit: float) -> float:
         margin: by which the next best is worse than an equivalent.
         misfit: mean square that the named model leaves.
     """
-    certain = 1 / (1 + math.exp(-min(50.0, margin / 20.0)))
+    certain = 1 / (1 + math.exp(-max(-50.0, min(50.0, margin / 20.0))))
     # What is still unexplained may be what the name really stands for.
     return 0.98 * certain * min(1.0, (NOISE_ONLY / max(misfit, 1e-9)) ** 0.25)
 
