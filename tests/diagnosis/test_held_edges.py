@@ -4,7 +4,9 @@ import pytest
 import torch
 
 from torchplate.diagnosis import diagnose
-from torchplate.diagnosis.held_edges import held_again, held_edges, on_springs, standing_for
+from torchplate.diagnosis.candidate import candidates, channels_of
+from torchplate.diagnosis.held_edges import PREFIX, held_again, held_edges, on_springs, standing_for
+from torchplate.diagnosis.screen import _moved
 from torchplate.effects import CATALOGUE
 from torchplate.model import PlateModel, Searched
 from torchplate.model.extrapolation import extrapolate
@@ -52,6 +54,26 @@ def test_what_did_not_yield_is_held_again():
     assert torch.equal(again.natural_frequencies(NOTHING, 12), held.natural_frequencies(NOTHING, 12))
 
 
+def test_an_effect_that_is_called_as_an_edge_stays_where_the_edge_is_held_again():
+    held = plate(HELD, {"x0": CATALOGUE["point_mass"]()}, {"x0.x": 0.4, "x0.y": 0.6, "x0.mass": 0.01})
+    again = held_again(on_springs(held), held_edges(held))
+    assert set(again.effects) == set(held.effects)
+
+
+def test_a_simple_support_may_give_way_and_resist_turning():
+    model = on_springs(plate(HELD, response=RESPONSE, reference=REFERENCE))
+    every = candidates(model, NOTHING, channels_of(model))
+    (one,) = [one for one in every if one.replaces == PREFIX + "y1"]
+    assert one.neutral["stiffness"] > 0
+    assert one.neutral["rotational_stiffness"] == 0
+    for trial in (*one.far, *one.near):
+        for alpha in (trial.lowest, trial.highest):
+            moved = _moved(one, dict(trial.values), alpha)
+            assert all(interval.low <= moved[key] <= interval.high for key, interval in one.searched.items())
+    assert {trial.values["stiffness"] < one.neutral["stiffness"] for trial in one.far} == {True, False}
+    assert len({trial.values["rotational_stiffness"] for trial in one.far}) == 2
+
+
 def test_springs_of_a_simple_support_leave_its_slope_free():
     sprung = on_springs(plate(HELD))
     found = [standing_for(sprung, edge) for edge in ("x0", "y1", "x1")]
@@ -87,7 +109,7 @@ def test_a_clamp_that_turns_is_named(lab):
     assert named.parameters["rotational_stiffness"].value == pytest.approx(SOFT, rel=0.05)
     assert found.parameters["plate.youngs_modulus"].value == pytest.approx(NUMBERS["youngs_modulus"], rel=0.01)
     assert held_edges(found.model) == {}
-    assert not any(label.startswith("held_") for label in found.model.effects)
+    assert not any(label.startswith(PREFIX) for label in found.model.effects)
 
 
 def test_a_clamp_that_does_not_is_held_in_the_end(lab):

@@ -257,12 +257,20 @@ def _trials(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> t
 
 
 def _yielding(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> tuple[list[Trial], list[Trial]]:
-    """Springs of a held edge from rigid to soft, together; and a little softer, for what goes with their compliance."""
-    axes = {key: [neutral[key] * part for part in (1.0, *YIELDS)] for key in searched}
+    """Springs of a held edge from rigid to soft, together; and a little softer, for what goes with their compliance.
+
+    What the edge leaves free, as a simple support its slope, has no rigid spring: a soft and a stiff one are tried.
+    """
+    held = {key: value for key, value in neutral.items() if value > 0}
+    axes = {
+        key: [held[key] * part for part in (1.0, *YIELDS)]
+        if key in held
+        else [interval.low, math.sqrt(interval.low * interval.high)]
+        for key, interval in searched.items()
+    }
     every = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
     rigid = every[0]
-    softer = [rigid | {key: SOFTER * value} for key, value in rigid.items()]
-    near = [Trial(values, 0.0, SOFTER / YIELDS[-1]) for values in softer]
+    near = [Trial(rigid | {key: SOFTER * held[key]}, 0.0, SOFTER / YIELDS[-1]) for key in held]
     return [Trial(values, 1.0, 1.0) for values in every[1:]], near
 
 

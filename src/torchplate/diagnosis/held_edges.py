@@ -18,7 +18,8 @@ from torchplate.plate import Assembly
 
 # Over the upper end of what is searched along a free edge: what is left of the yielding shifts no frequency by 1e-4.
 RIGID = 100.0
-PREFIX = "held_"
+# With blanks, so that no config calls one of its effects so by chance.
+PREFIX = "held edge "
 
 
 class RigidSprings(NamedTuple):
@@ -77,7 +78,8 @@ def held_again(model: PlateModel, held: Mapping[str, str]) -> PlateModel:
     still = {edge: how for edge, how in held.items() if PREFIX + edge in model.effects}
     if not still:
         return model
-    effects = {label: effect for label, effect in model.effects.items() if label.removeprefix(PREFIX) not in still}
+    springs = {PREFIX + edge for edge in still}
+    effects = {label: effect for label, effect in model.effects.items() if label not in springs}
     known = {key: value for key, value in known_values(model).items() if key.rpartition(".")[0] in effects}
     return _with_edges(rebuilt(model, effects, known, searched(model)), still)
 

@@ -186,19 +186,26 @@ class Road:
                 return settled, looks
             if further is None or not _explains_much(state):
                 break
-        state = _worth_their_names(state)
-        return self._explained(state) or self._settled(state), looks
+        return self._ended(_worth_their_names(state)), looks
 
     def _explained(self, state: State) -> State | None:
         """The state, settled, if nothing but noise is left of it; None where more is."""
         fit = state.fit
         if not is_noise(fit) and (not fit.believed or fit.reduced_misfit > PERHAPS_MESH):
             return None
+        ended = self._ended(state)
+        if ended is state or is_explained(ended.fit, self.bench.target, bool(ended.named)):
+            return ended
+        self.bench.expect_mesh_error(self._mesh_error)
+        return None
+
+    def _ended(self, state: State) -> State:
+        """The state, settled; as it is, where that leaves noise alone and settling more."""
         settled = self._settled(state)
-        if is_explained(settled.fit, self.bench.target, bool(settled.named)):
+        if is_explained(settled.fit, self.bench.target, bool(settled.named)) or not is_noise(state.fit):
             return settled
         self.bench.expect_mesh_error(self._mesh_error)
-        return state if is_noise(fit) else None
+        return state
 
     def _settled(self, state: State) -> State:
         """The last model once more, with the mesh error taken off where it now is.

@@ -163,7 +163,7 @@ def _moved(candidate: Candidate, values: dict[str, float], alpha: float) -> dict
         interval, neutral = candidate.searched[key], candidate.neutral.get(key)
         if neutral is None:
             continue
-        if candidate.replaces:
+        if candidate.replaces and neutral > 0:
             # What a held edge does goes with its compliance.
             moved = 1 / (1 / neutral + alpha * (1 / value - 1 / neutral))
         elif interval.logarithmic and min(value, neutral) > 0:

@@ -49,11 +49,7 @@ class Section(NamedTuple):
     @property
     def lossy_rigidity(self) -> Float[Tensor, "*batch n_element 3 3"]:
         """Rigidity times the elements' own loss factors [N m]; zero where they have none."""
-        return self._matrix(
-            torch.zeros_like(self.stiffness_factor)
-            if self.loss_factor is None
-            else (self.stiffness_factor * self.loss_factor)
-        )
+        return self._matrix(self.stiffness_factor * (0.0 if self.loss_factor is None else self.loss_factor))
 
     def _matrix(self, factor: Float[Tensor, "*#batch _ n_entry"]) -> Float[Tensor, "*batch n_element 3 3"]:
         """The sound rigidity, its entries times factors."""
