@@ -63,7 +63,10 @@ def size_error(effect: str, true: Numbers, found: Numbers, stated: Numbers | Non
             return None
         return abs(found["value"] - true["value"]) / abs(true["value"] - stated[effect])
     if effect == "support_asymmetry":
-        gap = sum((found.get(key, 1.0) - value) ** 2 for key, value in true.items())
+        # A factor that is not among those found is 1: the common spring is searched, and takes what all share.
+        got = [found.get(key, 1.0) for key in true]
+        common = sum(true.values()) / sum(got) if len(found.keys() & true.keys()) < len(true) else 1.0
+        gap = sum((common * one - value) ** 2 for one, value in zip(got, true.values(), strict=True))
         return sqrt(gap / sum((value - 1) ** 2 for value in true.values()))
     try:
         real, named = size(effect, true), size(effect, found)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from blind.place import which_is_right
+from blind.place import size_error, which_is_right
 from blind.score import Score, markdown, tables, verdict, wilson
 from blind.suite import chosen, run_case
 from blind.twins import right, twins
@@ -57,6 +57,16 @@ def test_the_right_name_is_right_and_its_numbers_are_measured():
 )
 def test_everything_else_is_wrong(word, answers):
     assert not verdict(record(truth(point_mass=MASS), word, *answers)).right
+
+
+def test_the_supports_count_up_to_what_the_searched_spring_takes():
+    hidden = {"factor_1": 0.5, "factor_2": 1.0, "factor_3": 1.0}
+    assert size_error("support_asymmetry", hidden, {"factor_2": 2.0, "factor_3": 2.0}) == pytest.approx(0)
+    # Where the spring is known, all factors are named, and count as they are.
+    doubled = {"factor_1": 1.0, "factor_2": 2.0, "factor_3": 2.0}
+    assert size_error("support_asymmetry", hidden, doubled) == pytest.approx(3.0)
+    alike = size_error("support_asymmetry", hidden, {"factor_2": 1.0, "factor_3": 1.0})
+    assert alike == pytest.approx(0.8165, rel=1e-3)
 
 
 def test_a_finer_mesh_is_never_held_against_an_answer():

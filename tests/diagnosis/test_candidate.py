@@ -110,6 +110,8 @@ def test_only_what_is_not_searched_of_an_effect_is_looked_for():
         (own,) = [one for one in found(model) if one.name == "support_asymmetry"]
         # Of the common stiffness and all three factors one is too many.
         assert len(own.searched) == n_factor
+        # Beside a slack first support the others are as many times as stiff.
+        assert own.searched["factor_2"].high == (2.0 if n_factor == 3 else 4.0)
 
 
 def test_a_held_edge_has_no_spring():

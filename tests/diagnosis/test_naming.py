@@ -1,6 +1,7 @@
 """The name goes to the least cost, and what is as good stands beside it."""
 
 import math
+from typing import Any
 
 import pytest
 import torch
@@ -30,20 +31,25 @@ def fitted(
     gap: float | None = None,
     n_fitted: int = N_FITTED,
     believed: bool = True,
+    n_parameter: int = 0,
 ) -> Fit:
     """A fit that leaves so much, a fifth of it in held-out FRFs unless told otherwise."""
     held = square / 5 if heldout is None else heldout
     parts = torch.tensor([square - held, held], dtype=torch.float64)
     n_heldout = 0.0 if heldout == 0 else float(N_HELDOUT)
+    theta = torch.zeros(n_parameter, dtype=torch.float64)
     misfit = Misfit(parts[0], parts[1], float(n_fitted), n_heldout)
     none = torch.zeros(0, dtype=torch.float64)
-    return Fit(None, None, none, torch.zeros(0, 0), none, misfit, prior, square**0.5 if gap is None else gap, believed)  # type: ignore[arg-type]
+    gap = square**0.5 if gap is None else gap
+    return Fit(None, None, theta, torch.zeros(0, 0), none, misfit, prior, gap, believed)  # type: ignore[arg-type]
 
 
-def hypothesis(name: str, square: float, n_parameter: int = 1, **fit) -> Hypothesis:
+def hypothesis(name: str, square: float, n_parameter: int = 1, **fit: Any) -> Hypothesis:
     options = {"channels": ((3, None),)} if "channel" in name else {}
     searched = {f"p{index}": Searched(0.0, 1.0) for index in range(n_parameter)}
-    return Hypothesis(Candidate(CATALOGUE[name](**options), options, searched, {}), f"{name}_1", fitted(square, **fit))
+    known = fit.pop("n_parameter_before", 0) + n_parameter
+    candidate = Candidate(CATALOGUE[name](**options), options, searched, {})
+    return Hypothesis(candidate, f"{name}_1", fitted(square, n_parameter=known, **fit))
 
 
 def test_what_leaves_least_is_named():
@@ -188,5 +194,17 @@ def test_where_the_model_is_doubted_a_part_of_what_is_left_counts():
     assert is_needed(before, hypothesis("point_mass", 130.0, 3, **doubted, gap=0.45))
     assert is_needed(before, hypothesis("orthotropy", 30.0, 2, **doubted, gap=0.45, prior=20.0))
     # Nearly nothing by the weighed lines, but peaks overlap now.
-    assert is_needed(before, hypothesis("point_mass", 70.0, 3, **doubted, gap=0.2, prior=20.0))
+    assert is_needed(before, hypothesis("point_mass", 60.0, 3, **doubted, gap=0.2, prior=20.0))
     assert not is_needed(before, hypothesis("point_mass", 150.0, 3, **doubted, gap=0.2, prior=20.0))
+
+
+def test_few_numbers_bear_few_parameters():
+    # Thirteen numbers: the first parameter costs little, the seventh much, and a thirteenth is not to be had.
+    few = {"n_fitted": 13, "heldout": 0, "believed": False}
+    assert hypothesis("density", 30.0, 1, **few).price == pytest.approx(2.364, rel=1e-3)
+    fourth = hypothesis("stiffness_loss", 30.0, 4, n_parameter_before=3, **few)
+    assert fourth.price == pytest.approx(36.4 - 26 / 3, rel=1e-3)
+    assert hypothesis("stiffness_loss", 30.0, 4, n_parameter_before=9, **few).price == math.inf
+    # Of many numbers each costs two.
+    many = {"n_fitted": 100_000, "heldout": 0, "believed": False}
+    assert hypothesis("point_mass", 30.0, 3, n_parameter_before=5, **many).price == pytest.approx(6.0, rel=1e-2)

@@ -30,6 +30,8 @@ BELIEVED = (-1.0, 2.5)
 # What the springs of a held edge are tried at, over the rigid ones.
 YIELDS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5)
 SOFTER = 0.1
+# How much stiffer than its prior a support may be relative to one that is slack.
+SLACK = 2.0
 # Places along each side, and sizes of patches, at which a candidate with a place is tried.
 PLACES = (0.03, 0.19, 0.35, 0.5, 0.65, 0.81, 0.97)
 PATCHES = (0.1, 0.3, 0.5, 0.7, 0.9)
@@ -109,7 +111,8 @@ def candidates(
                 for key, parameter in effect.parameters.items()
                 if parameter.prior is not None and not _already_searched(model, effect, key)
             }
-            if name == "support_asymmetry" and _searched_stiffness(model):
+            relative = name == "support_asymmetry" and _searched_stiffness(model)
+            if relative:
                 # All factors and the common stiffness would be one too many.
                 free.pop("factor_1", None)
             if effect.parameters and not free:
@@ -120,7 +123,9 @@ def candidates(
             for key, parameter in free.items():
                 interval = parameter.prior_interval(plan.section, plan.geometry)
                 assert parameter.prior is not None
-                searched[key] = Searched(interval.low, interval.high, parameter.prior.logarithmic)
+                # Over the first support, which may be the slack one.
+                high = SLACK * interval.high if relative else interval.high
+                searched[key] = Searched(interval.low, high, parameter.prior.logarithmic)
                 value = _neutral(name, parameter, plan)
                 if value is not None:
                     neutral[key] = value

@@ -149,6 +149,7 @@ def fit(
     start: Float[Tensor, "n_start n"],
     prior: Prior | None = None,
     wide: bool = True,
+    hopeless: float = math.inf,
 ) -> Fit:
     """Fit a model from several starts.
 
@@ -158,6 +159,7 @@ def fit(
         start: positions on the unit cube, the best one first.
         prior: what is known of its parameters beforehand.
         wide: whether to begin at the wide levels.
+        hopeless: sum of squares of the fitted residuals beyond which the first basis is the last.
     """
     prior = prior or {}
     if not model.names:
@@ -180,7 +182,7 @@ def fit(
         position = places[best]
         if turn > 0 and abs(before - value) <= SETTLED * value:
             break
-        if float(moved) < 1e-6:
+        if float(moved) < 1e-6 or 2 * value > hopeless:
             break
     theta = model.space.to_si(position)
     prediction = bench.predict(reduced, theta)

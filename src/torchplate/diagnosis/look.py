@@ -1,5 +1,6 @@
 """One look over the whole catalogue: score every effect, take the best ones down, refit what ends near the best."""
 
+import math
 from collections.abc import Callable, Sequence
 
 import torch
@@ -28,6 +29,8 @@ OVERLAPPING, NEARLY_RIGHT = 0.5, 2.5
 # An effect of the whole plate whose prior spans more than this factor is looked for all over its prior and the box
 # together, where the model is doubted: so many members, and so many of them that go down.
 WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
+# A hypothesis that leaves so many times as much as the best so far is not followed to its end.
+HOPELESS = 30.0
 # What closed the gap this much in the look before is tried again, so many at most.
 CAME_NEAR, N_AGAIN = 0.9, 3
 # Hypotheses this close to the best are refitted from where they ended; so are the best where more than noise is left.
@@ -75,9 +78,11 @@ class Look:
         for promise, starts in chosen:
             key = f"{promise.candidate.name} {promise.candidate.options}"
             together.setdefault(key, (promise, []))[1].append(starts)
-        hypotheses = [
-            self._refit(state.model, one.candidate, one.label, torch.cat(starts)) for one, starts in together.values()
-        ]
+        hypotheses: list[Hypothesis] = []
+        for one, several in together.values():
+            least = min((float(other.fit.misfit.fitted) for other in hypotheses), default=math.inf)
+            starts = torch.cat(several)
+            hypotheses.append(self._refit(state.model, one.candidate, one.label, starts, HOPELESS * least))
         hypotheses = self._run_off(state, _best_of_each(hypotheses + self._again(state)))
         hypotheses += [more for one in hypotheses if one.name in GROUNDED for more in self._as_supports(state, one)]
         return Looked(tuple(promises), tuple(_best_of_each(hypotheses)))
@@ -195,9 +200,11 @@ class Look:
             refitted.append(self._refit(state.model, candidate, label, start[None]))
         return refitted
 
-    def _refit(self, model: PlateModel, candidate: Candidate, label: str, starts: Tensor) -> Hypothesis:
+    def _refit(
+        self, model: PlateModel, candidate: Candidate, label: str, starts: Tensor, hopeless: float = math.inf
+    ) -> Hypothesis:
         whole = with_candidate(model, label, candidate)
-        found = fit(self.bench, whole, starts, self.prior, wide=False)
+        found = fit(self.bench, whole, starts, self.prior, wide=False, hopeless=hopeless)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
         return Hypothesis(candidate, label, found)
 

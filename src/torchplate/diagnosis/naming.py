@@ -14,9 +14,8 @@ from torchplate.diagnosis.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
 from torchplate.diagnosis.target import FrfTarget, Target
 
-# What a parameter must take from the sum of squares to pay for itself; and where the model is doubted, so that few
-# numbers are independent.
-PRICE, PRICE_IN_DOUBT = 8.0, 2.5
+# What a parameter must take from the sum of squares to pay for itself.
+PRICE = 8.0
 # Hypotheses closer than this to the best, or than this part of all that speaks against it, cannot be told from it: the
 # variance of the noise and of the mesh error is not known any better.
 EQUIVALENT, EQUIVALENT_PART = 14.0, 1.5e-3
@@ -59,9 +58,17 @@ class Hypothesis:
 
     @property
     def price(self) -> float:
-        """Of its parameters; a choice among channels or edges is one, too."""
-        each = PRICE if self.fit.believed else PRICE_IN_DOUBT
-        return each * (len(self.candidate.searched) + bool(self.candidate.options))
+        """Of its parameters; a choice among channels or edges is one, too.
+
+        Where the model is doubted few numbers are independent, and each parameter costs more than the one before.
+        """
+        own = len(self.candidate.searched) + bool(self.candidate.options)
+        if self.fit.believed:
+            return PRICE * own
+        n = self.fit.misfit.n_fitted + self.fit.misfit.n_heldout
+        without = len(self.fit.theta) - len(self.candidate.searched)
+        whole = price_of_few(n, without + own)
+        return whole if whole == math.inf else whole - price_of_few(n, without)
 
     @property
     def cost(self) -> float:
@@ -86,6 +93,19 @@ class Choice:
     next_best: Hypothesis | None
     margin: float
     alike: float = EQUIVALENT
+
+
+def price_of_few(n: float, n_parameter: int) -> float:
+    """What parameters add to twice the negative logarithm of a likelihood of few numbers: 2 k n / (n − k − 1).
+
+    Source: Hurvich and Tsai, Biometrika 76 (1989) 297, the corrected information criterion.
+
+    Args:
+        n: independent numbers.
+        n_parameter: k; infinite where there are no fewer than n - 1.
+    """
+    room = n - n_parameter - 1
+    return 2 * n_parameter * n / room if room > 0 else math.inf
 
 
 def choose(hypotheses: Sequence[Hypothesis], best: Hypothesis | None = None) -> Choice:

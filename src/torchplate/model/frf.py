@@ -21,6 +21,8 @@ from torchplate.plate import Proportional, System
 
 KINDS = ("receptance", "mobility", "accelerance", "transmissibility")
 DERIVATIVE = {"receptance": 0, "mobility": 1, "accelerance": 2}
+# Impedances solved at once, so that they stay in the cache [bytes].
+IN_CACHE = 4 * 2**20
 # Dofs up to which batches of complex matrices are seen to be right with any number of threads.
 SOLVED_TOGETHER = 100
 
@@ -198,12 +200,16 @@ def _solve_modal(
     """α where the damping couples the modes: complex modes where these are the same at all lines, else solves."""
     if _has_complex_modes(proportional, eigenvalue, hysteretic):
         return _by_complex_modes(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, hysteretic)
-    real, imaginary = modal_denominator(eigenvalue, proportional, laplace)
     coupling = (dashpot.mT @ (viscous[..., None] * dashpot))[..., None, :, :]
-    impedance = torch.diag_embed(torch.complex(real, imaginary))
-    impedance = impedance + 1j * hysteretic[..., None, :, :] + laplace[..., None, None] * coupling
-    motion = solve_each(impedance, reference.mT[..., None, :, :].to(impedance))
-    return response[..., None, :, :].to(impedance) @ motion
+    hysteretic, columns = 1j * hysteretic[..., None, :, :], reference.mT[..., None, :, :].to(laplace)
+    n_member = torch.broadcast_shapes(eigenvalue.shape[:-1], hysteretic.shape[:-3], coupling.shape[:-3]).numel()
+    at_once = max(1, IN_CACHE // (16 * n_member * eigenvalue.shape[-1] ** 2))
+    parts = []
+    for s in laplace.split(at_once, dim=-1):
+        diagonal = torch.complex(*modal_denominator(eigenvalue, proportional, s))
+        impedance = torch.diag_embed(diagonal) + (hysteretic + s[..., None, None] * coupling)
+        parts.append(response[..., None, :, :].to(impedance) @ solve_each(impedance, columns))
+    return joined(parts, -3)
 
 
 def _has_complex_modes(proportional: Proportional, *matrices: Tensor) -> bool:

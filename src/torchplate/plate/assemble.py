@@ -18,8 +18,8 @@ from torchplate.plate import element
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Geometry, Local, Proportional, Section, System
 
-# Fixed matrices, of a uniform plate or of projected elements, are kept up to this size; beyond it they are made anew.
-UNIFORM_BYTES = 256 * 2**20
+# Fixed matrices, of a uniform plate and of projected elements, are kept up to these sizes; beyond they are made anew.
+UNIFORM_BYTES, ELEMENT_BYTES = 256 * 2**20, 512 * 2**20
 
 
 class Correction(NamedTuple):
@@ -70,6 +70,8 @@ class Assembly(nn.Module):
     elements: Tensor | None
     element_masses: Tensor | None
     basis: Tensor | None
+    seen: Tensor | None
+    lacking: Tensor | None
 
     def __init__(
         self,
@@ -80,7 +82,7 @@ class Assembly(nn.Module):
         dense: bool = True,
     ) -> None:
         super().__init__()
-        self.mesh, self.correction = mesh, correction
+        self.mesh = mesh
         dof = mesh.element_dof
         pattern, mass_pattern = element.patterns(1 / mesh.cells[0], 1 / mesh.cells[1])
         free = mesh.free_dof
@@ -99,7 +101,7 @@ class Assembly(nn.Module):
         self.register_buffer("element_masses", None, persistent=False)
         if basis is not None:
             self.uniform = torch.stack([self._projected(one) for one in (*pattern, mass_pattern)])
-            if by_element and 7 * 8 * mesh.n_element * basis.shape[-1] ** 2 <= UNIFORM_BYTES:
+            if by_element and 7 * 8 * mesh.n_element * basis.shape[-1] ** 2 <= ELEMENT_BYTES:
                 rows = self._element_rows()
                 patterns = torch.cat([pattern, mass_pattern[None]])[:, None].to(rows)
                 # [n_element n_pattern, n n], as the products below want them: the stiffness patterns, then the mass.
@@ -108,12 +110,23 @@ class Assembly(nn.Module):
         elif dense and 7 * 8 * len(free) ** 2 <= UNIFORM_BYTES:
             everywhere = torch.cat([pattern, mass_pattern[None]])[:, None].expand(-1, mesh.n_element, -1, -1)
             self.uniform = self._scatter(everywhere)
+        self._correct(correction)
 
     def corrected(self, correction: Correction) -> "Assembly":
         """The same, with what the stiffness of a finer mesh would add; matrices are shared."""
         twin = copy.copy(self)
-        twin.correction = correction
+        twin._buffers = dict(self._buffers)
+        twin._correct(correction)
         return twin
+
+    def _correct(self, correction: "Correction | None") -> None:
+        self.correction = correction
+        self.register_buffer("seen", self.basis, persistent=False)
+        self.register_buffer("lacking", None, persistent=False)
+        if correction is not None and self.basis is not None:
+            rows, middle, shape = (part.to(self.basis) for part in correction[:3])
+            rows = rows @ self.basis
+            self.seen, self.lacking = self.basis + shape @ rows, rows.mT @ (middle @ rows)
 
     @property
     def size(self) -> int:
@@ -144,9 +157,11 @@ class Assembly(nn.Module):
         stiffness = self._assemble(coefficient, self.pattern, slice(0, 6))
         if self.correction is None:
             return stiffness
-        rows, middle = self.correction.rows.to(stiffness), self.correction.stiffness.to(stiffness)
-        rows = rows if self.basis is None else rows @ self.basis
-        return stiffness + self.correction.scale(rigidity, geometry)[..., None, None] * (rows.mT @ (middle @ rows))
+        lacking = self.lacking
+        if lacking is None:
+            rows, middle = self.correction.rows.to(stiffness), self.correction.stiffness.to(stiffness)
+            lacking = rows.mT @ (middle @ rows)
+        return stiffness + self.correction.scale(rigidity, geometry)[..., None, None] * lacking
 
     def mass(self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry) -> Float[Tensor, "*batch n n"]:
         """Consistent mass matrix M [kg] from the mass per area of the elements [kg/m²]."""
@@ -156,9 +171,11 @@ class Assembly(nn.Module):
     def rows(self, vector: Float[Tensor, "*batch n_row n_dof"]) -> Float[Tensor, "*batch n_row n"]:
         """Rows over all dofs of the mesh, as rows over those of this assembly."""
         free = vector[..., self.free]
+        if self.seen is not None:
+            return free @ self.seen
         if self.correction is not None:
             free = free + (free @ self.correction.shape.to(free)) @ self.correction.rows.to(free)
-        return free if self.basis is None else free @ self.basis
+        return free
 
     def translation_load(
         self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry
