@@ -16,17 +16,17 @@ from torchplate.cli.diagnose import diagnose
 
 # Case → what is hidden in it.
 SAMPLE = {
-    60: "nothing",
-    134: "nothing",
-    113: "mesh_discretisation",
-    13: "orthotropy",
-    76: "nothing",
+    69: "nothing",
+    85: "nothing",
+    86: "mesh_discretisation",
+    82: "orthotropy",
     102: "density",
-    25: "channel_polarity",
-    147: "time_delay",
-    124: "hysteretic_damping",
-    123: "thickness_taper",
-    107: "ground_spring and exponential_window",
+    99: "stiffness_loss",
+    110: "point_mass",
+    15: "ground_dashpot",
+    75: "exponential_window",
+    4: "channel_polarity",
+    47: "support_spring and channel_polarity",
     63: "a clipped channel, beyond the catalogue",
 }
 BAND = "measurement.band=[5.0, 150.0]"

@@ -9,9 +9,17 @@ import pytest
 import torch
 from torch import Tensor
 
+from torchplate.diagnosis.candidate import Candidate, candidates, channels_of
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.look import Look
+from torchplate.diagnosis.naming import Hypothesis
+from torchplate.diagnosis.noise import Noise
+from torchplate.diagnosis.state import State
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.diagnosis.workbench import Workbench, with_candidate
 from torchplate.effects import CATALOGUE, Effect
 from torchplate.measurement import Channel, Measurement
-from torchplate.model import PlateModel
+from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
 NODES = (3, 17, 28, 36, 45, 52, 61, 74, 88, 95, 101, 109, 13, 25, 33, 58, 66, 79, 82, 120)
@@ -87,6 +95,64 @@ def measured(
     )
 
 
+SMALL_LINES = torch.linspace(10.0, 300.0, 100, dtype=torch.float64)
+SMALL_RESPONSE, SMALL_REFERENCE = (3, 17), (7, 9, 21)
+SPOT = (0.31, 0.62)
+NUMBERS = {"youngs_modulus": 2.05e11, "poisson_ratio": 0.3, "density": 7850.0, "thickness": 0.003}
+BOX = {"plate.youngs_modulus": Searched(1.8e11, 2.3e11), "loss.stiffness_loss_factor": Searched(1e-3, 5e-2, True)}
+
+
+def small_plate(searched=None, gain=1.0, mass=0.0) -> PlateModel:
+    """A free plate with ten modes below 300 Hz, and a gain and a mass hidden in it."""
+    effects = {"plate": CATALOGUE["plate"](), "loss": CATALOGUE["hysteretic_damping"]()}
+    known = {f"plate.{name}": value for name, value in NUMBERS.items()} | {"loss.stiffness_loss_factor": 1e-2}
+    if gain != 1.0:
+        effects["amplifier"] = CATALOGUE["sensor_gain"]()
+        known["amplifier.gain"] = gain
+    if mass:
+        effects["lump"] = CATALOGUE["point_mass"]()
+        known |= {"lump.x": SPOT[0], "lump.y": SPOT[1], "lump.mass": mass}
+    known = {key: value for key, value in known.items() if key not in (searched or {})}
+    return PlateModel(
+        Mesh(0.43, 0.3, 4, 4), effects, known, searched, list(SMALL_RESPONSE), list(SMALL_REFERENCE), "accelerance"
+    )
+
+
+class Scene:
+    """A baseline beside FRFs whose level is 10 % too high unless told otherwise, with a noise of a hundredth."""
+
+    def __init__(self, young=None, hidden=None):
+        with torch.no_grad():
+            frf = small_plate(**(hidden or {"gain": 1.1})).frf(NOBODY, SMALL_LINES)
+        std = true_std(frf, 0.01, "signal")
+        noise = Noise(std, true_floor(std, frf), (), torch.zeros_like(std))
+        frfs = measured(SMALL_LINES, frf + noise_of(std, 4), SMALL_RESPONSE, SMALL_REFERENCE)
+        target = FrfTarget(frfs, noise, torch.zeros(2, 3, dtype=torch.bool))
+        self.bench = Workbench(small_plate(BOX), target, as_given=True)
+        model = self.bench.given
+        self.look = Look(self.bench, {}, channels_of(model), lambda _: None)
+        theta = torch.tensor([young or 2.05e11, 1e-2], dtype=torch.float64)
+        if young is None:
+            self.fit = fit(self.bench, model, model.space.to_cube(theta)[None], wide=False)
+        else:
+            found = fit(self.bench, model, model.space.to_cube(theta)[None], wide=False)
+            self.fit = found._replace(theta=theta, prediction=self.bench.predict(model, theta))
+        self.state = State(model, self.fit)
+
+    def candidate(self, name: str) -> Candidate:
+        """The effect as it may be missing."""
+        every = candidates(self.state.model, self.fit.theta, self.look.channels)
+        return next(one for one in every if one.name == name)
+
+    def hypothesis(self, name: str, start=0.5, state: State | None = None) -> Hypothesis:
+        """The effect in the model, fitted from there."""
+        model = (state or self.state).model
+        candidate = self.candidate(name)
+        whole = with_candidate(model, f"{name}_1", candidate)
+        place = torch.full((1, len(whole.names)), start, dtype=torch.float64)
+        return Hypothesis(candidate, f"{name}_1", fit(self.bench, whole, place, wide=False))
+
+
 @pytest.fixture(scope="session")
 def lab() -> SimpleNamespace:
     """All of the above."""
@@ -99,4 +165,6 @@ def lab() -> SimpleNamespace:
         noise_of=noise_of,
         true_floor=true_floor,
         measured=measured,
+        Scene=Scene,
+        spot=SPOT,
     )

@@ -4,75 +4,16 @@ import pytest
 import torch
 
 from torchplate.diagnosis import look as module
-from torchplate.diagnosis.candidate import Candidate, candidates, channels_of
-from torchplate.diagnosis.fit import fit
-from torchplate.diagnosis.look import Look
 from torchplate.diagnosis.naming import Choice, Hypothesis
-from torchplate.diagnosis.noise import Noise
 from torchplate.diagnosis.screen import screen
 from torchplate.diagnosis.state import Looked, Naming, State
-from torchplate.diagnosis.target import FrfTarget
-from torchplate.diagnosis.workbench import Workbench, with_candidate
-from torchplate.effects import CATALOGUE
-from torchplate.model import PlateModel, Searched
-from torchplate.plate import Mesh
-
-LINES = torch.linspace(10.0, 300.0, 100, dtype=torch.float64)
-RESPONSE, REFERENCE = (3, 17), (7, 9, 21)
-SPOT = (0.31, 0.62)
-NUMBERS = {"youngs_modulus": 2.05e11, "poisson_ratio": 0.3, "density": 7850.0, "thickness": 0.003}
-BOX = {"plate.youngs_modulus": Searched(1.8e11, 2.3e11), "loss.stiffness_loss_factor": Searched(1e-3, 5e-2, True)}
-
-
-def plate(searched=None, gain=1.0, mass=0.0) -> PlateModel:
-    effects = {"plate": CATALOGUE["plate"](), "loss": CATALOGUE["hysteretic_damping"]()}
-    known = {f"plate.{name}": value for name, value in NUMBERS.items()} | {"loss.stiffness_loss_factor": 1e-2}
-    if gain != 1.0:
-        effects["amplifier"] = CATALOGUE["sensor_gain"]()
-        known["amplifier.gain"] = gain
-    if mass:
-        effects["lump"] = CATALOGUE["point_mass"]()
-        known |= {"lump.x": SPOT[0], "lump.y": SPOT[1], "lump.mass": mass}
-    known = {key: value for key, value in known.items() if key not in (searched or {})}
-    return PlateModel(Mesh(0.43, 0.3, 4, 4), effects, known, searched, list(RESPONSE), list(REFERENCE), "accelerance")
-
-
-class Scene:
-    """A baseline beside FRFs whose level is 10 % too high unless told otherwise, with a noise of a hundredth."""
-
-    def __init__(self, lab, young=None, hidden=None):
-        with torch.no_grad():
-            frf = plate(**(hidden or {"gain": 1.1})).frf(lab.nobody, LINES)
-        std = lab.true_std(frf, 0.01, "signal")
-        noise = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std))
-        measured = lab.measured(LINES, frf + lab.noise_of(std, 4), RESPONSE, REFERENCE)
-        target = FrfTarget(measured, noise, torch.zeros(2, 3, dtype=torch.bool))
-        self.bench = Workbench(plate(BOX), target, as_given=True)
-        model = self.bench.given
-        self.look = Look(self.bench, {}, channels_of(model), lambda _: None)
-        theta = torch.tensor([young or 2.05e11, 1e-2], dtype=torch.float64)
-        if young is None:
-            self.fit = fit(self.bench, model, model.space.to_cube(theta)[None], wide=False)
-        else:
-            found = fit(self.bench, model, model.space.to_cube(theta)[None], wide=False)
-            self.fit = found._replace(theta=theta, prediction=self.bench.predict(model, theta))
-        self.state = State(model, self.fit)
-
-    def candidate(self, name: str) -> Candidate:
-        every = candidates(self.state.model, self.fit.theta, self.look.channels)
-        return next(one for one in every if one.name == name)
-
-    def hypothesis(self, name: str, start=0.5) -> Hypothesis:
-        candidate = self.candidate(name)
-        whole = with_candidate(self.state.model, f"{name}_1", candidate)
-        place = torch.full((1, len(whole.names)), start, dtype=torch.float64)
-        return Hypothesis(candidate, f"{name}_1", fit(self.bench, whole, place, wide=False))
+from torchplate.diagnosis.workbench import with_candidate
 
 
 @pytest.fixture(scope="module")
 def scene(lab):
     with torch.no_grad():
-        return Scene(lab)
+        return lab.Scene()
 
 
 @torch.no_grad()
@@ -121,7 +62,7 @@ def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, m
 
     monkeypatch.setattr(module, "widely", descend)
     for young, on_edge in ((2.1e11, False), (2.29999e11, True)):
-        scene = Scene(lab, young)
+        scene = lab.Scene(young)
         base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
         every = screen(scene.bench, base, scene.fit.theta, [scene.candidate("sensor_gain")], {})
         starts.clear()
@@ -136,7 +77,7 @@ def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, m
 @torch.no_grad()
 def test_the_residual_force_says_where_to_start_and_how_large(lab):
     # 5 % of the plate: peaks do not overlap.
-    scene = Scene(lab, 2.05e11, {"mass": 0.15})
+    scene = lab.Scene(2.05e11, {"mass": 0.15})
     base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
     names = ("point_mass", "ground_spring", "stiffness_loss", "density")
     scored = screen(scene.bench, base, scene.fit.theta, [scene.candidate(name) for name in names], {})
@@ -146,8 +87,8 @@ def test_the_residual_force_says_where_to_start_and_how_large(lab):
         assert found[name] is before[name]
     first = found["point_mass"].model.space.to_si(found["point_mass"].starts[0])
     values = dict(zip(found["point_mass"].model.names, first.tolist(), strict=True))
-    assert values["point_mass_1.x"] == pytest.approx(SPOT[0], abs=0.04)
-    assert values["point_mass_1.y"] == pytest.approx(SPOT[1], abs=0.04)
+    assert values["point_mass_1.x"] == pytest.approx(lab.spot[0], abs=0.04)
+    assert values["point_mass_1.y"] == pytest.approx(lab.spot[1], abs=0.04)
     assert values["point_mass_1.mass"] == pytest.approx(0.15, rel=0.3)
     assert values["plate.youngs_modulus"] == pytest.approx(float(scene.fit.theta[0]))
     assert torch.equal(found["point_mass"].starts[1:], before["point_mass"].starts)

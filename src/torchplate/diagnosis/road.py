@@ -1,11 +1,11 @@
 """The road from a model that does not explain a measurement to one that does, or to saying what is missing.
 
 Baseline, noise floor, location; then, as long as something is missing that the catalogue has: score all effects, refit
-the most promising, name the best with its equivalents, add it. What a later effect made needless is removed again.
+the most promising, name the best with its equivalents, add it. In the end each name is judged again beside the others.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import torch
@@ -14,16 +14,17 @@ from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.candidate import channels_of
 from torchplate.diagnosis.fit import Fit, Problem, fit, widely
+from torchplate.diagnosis.hindsight import Hindsight
 from torchplate.diagnosis.holdout import exchanged, held_out
 from torchplate.diagnosis.ledger import Diagnosis
 from torchplate.diagnosis.look import Look
-from torchplate.diagnosis.naming import Choice, choose, is_explained, is_needed, is_noise
+from torchplate.diagnosis.naming import Choice, Hypothesis, choose, is_explained, is_needed, is_noise
 from torchplate.diagnosis.noise import Noise, noise_level
 from torchplate.diagnosis.state import Looked, Naming, State, Travelled
 from torchplate.diagnosis.summary import summarise
 from torchplate.diagnosis.target import FrequencyTarget, FrfTarget, Target
 from torchplate.diagnosis.tolerance import with_tolerances
-from torchplate.diagnosis.workbench import SETTLING, Workbench, with_candidate, without_candidate
+from torchplate.diagnosis.workbench import SETTLING, Workbench, with_candidate
 from torchplate.measurement import Measurement, NaturalFrequencies
 from torchplate.model import PlateModel
 
@@ -34,9 +35,10 @@ N_BEAM = 2
 # Where noise alone is not reached, an effect is named if it leaves at most this part of what spoke against the model,
 # and of the gap.
 LARGE_PART, SEEN_PART = 0.5, 0.9
-# A second effect is looked for beside one that leaves at most this part of the gap, or of what spoke against the model;
-# and beside the second best too, if no more than so many times as much speaks against it.
-SMALLER_GAP, SMALLER_COST, BESIDE = 0.75, 0.5, 6.0
+# A second effect is looked for beside one that leaves at most this part of the gap, or of what spoke against the model,
+# more where it has no number to be fitted; and beside the second best too, if no more than so many times as much speaks
+# against it.
+SMALLER_GAP, SMALLER_COST, SMALLER_COST_WITHOUT_NUMBER, BESIDE = 0.75, 0.5, 0.75, 6.0
 # Mean square up to which the mesh may be what is left; and gaps, in noise floors, below which what closed them may have
 # been the mesh.
 PERHAPS_MESH, SMALL_GAP = 12.0, 3.0
@@ -114,6 +116,7 @@ class Road:
         self.given, self.prior = with_tolerances(model, tolerance)
         self.bench = Workbench(self.given, target)
         self.say, self.look = say, Look(self.bench, self.prior, channels_of(model), say)
+        self.hindsight = Hindsight(self.prior, say)
 
     def baseline(self) -> State:
         """The given model, fitted on a mesh whose error is taken off; and on its own mesh, to see what that costs."""
@@ -215,7 +218,8 @@ class Road:
         """
         bench, target = self.bench, self.bench.target
         if len(state.named) > 1:
-            state = self._without_needless(state, bench, state.named)
+            state = self.hindsight.judged_again(state, bench)
+            state = self.hindsight.without_needless(state, bench, state.named)
         little = isinstance(target, FrfTarget) and state.fit.believed and state.fit.reduced_misfit < PERHAPS_MESH
         if not little and not state.named:
             return state
@@ -227,23 +231,25 @@ class Road:
         settled = replace(state, fit=fit(bench, state.model, start, self.prior, wide=False))
         if little:
             small = tuple(one for one in state.named if one.before.gap < SMALL_GAP * target.floor)
-            settled = self._without_needless(settled, bench, small)
+            settled = self.hindsight.without_needless(settled, bench, small)
             self.bench.n_evaluation += bench.n_evaluation
         return settled
 
-    def _explains_some(self, before: Fit, after: Fit) -> bool:
+    def _explains_some(self, before: Fit, hypothesis: Hypothesis) -> bool:
         """Whether an effect explains so much that looking for another beside it is worth the time."""
+        after = hypothesis.fit
         gaps = [float(self.bench.target.gap(one.prediction)) for one in (before, after)]
-        return gaps[1] <= SMALLER_GAP * gaps[0] or (after.believed and after.cost <= SMALLER_COST * before.cost)
+        part = SMALLER_COST if hypothesis.candidate.searched else SMALLER_COST_WITHOUT_NUMBER
+        return gaps[1] <= SMALLER_GAP * gaps[0] or (after.believed and after.cost <= part * before.cost)
 
     def _pairs(self, state: State, look: Looked, single: State, looks: list[Looked]) -> State | None:
         """The best with one effect more, from the few that explain so much that looking beside them is worth it."""
         ranked = sorted(look.hypotheses, key=lambda one: one.cost)
-        beam: list[State] = [single] if self._explains_some(state.fit, single.fit) else []
+        beam: list[State] = [single] if self._explains_some(state.fit, single.named[-1].hypothesis) else []
         for other in ranked[1:]:
             if len(beam) >= N_BEAM or other.fit.reduced_misfit > BESIDE * ranked[0].fit.reduced_misfit:
                 break
-            if is_needed(state.fit, other) and self._explains_some(state.fit, other.fit):
+            if is_needed(state.fit, other) and self._explains_some(state.fit, other):
                 beam.append(self._added(state, choose(ranked, other), look))
         best: State | None = None
         for start in beam:
@@ -266,22 +272,8 @@ class Road:
     def _added(self, state: State, choice: Choice, look: Looked) -> State:
         hypothesis = choice.best
         model = with_candidate(state.model, hypothesis.label, hypothesis.candidate)
-        return State(model, hypothesis.fit, (*state.named, Naming(hypothesis, choice, state.fit)), state, look)
-
-    def _without_needless(self, state: State, bench: Workbench, doubted: Sequence[Naming]) -> State:
-        """Take out again those of the doubted effects that the other ones made needless."""
-        for naming in doubted:
-            label = naming.hypothesis.label
-            model = without_candidate(state.model, label, naming.hypothesis.candidate)
-            kept = [state.model.names.index(name) for name in model.names]
-            found = fit(bench, model, model.space.to_cube(state.fit.theta[kept])[None], self.prior, wide=False)
-            back = replace(naming.hypothesis, fit=state.fit)
-            if not is_needed(found, back):
-                self.say(f"{naming.hypothesis.name} is no longer needed")
-                rest = tuple(one for one in state.named if one is not naming)
-                still = [one for one in doubted if one is not naming]
-                return self._without_needless(State(model, found, rest), bench, still)
-        return state
+        naming = Naming(hypothesis, choice, state.fit, look.hypotheses)
+        return State(model, hypothesis.fit, (*state.named, naming), state, look)
 
 
 def _explains_much(state: State) -> bool:

@@ -31,11 +31,26 @@ class State:
 
 @dataclass(frozen=True)
 class Naming:
-    """An effect that was added, and why."""
+    """An effect that was added, and why.
+
+    Attributes:
+        hypothesis: as it was named.
+        choice: that was made then.
+        before: the fit that it was added to.
+        rivals: everything that was refitted then.
+        again: the choice as it is once later effects are known; None where nothing was named after it.
+    """
 
     hypothesis: Hypothesis
     choice: Choice
     before: Fit
+    rivals: tuple[Hypothesis, ...] = ()
+    again: Choice | None = None
+
+    @property
+    def known(self) -> Choice:
+        """The choice as it is known last."""
+        return self.again or self.choice
 
 
 @dataclass(frozen=True)

@@ -88,17 +88,18 @@ def _verdict(bench: Workbench, final: State) -> Verdict:
 
 def _named(bench: Workbench, naming: Naming, last: State) -> Named:
     final = last.fit
-    hypothesis, choice = naming.hypothesis, naming.choice
+    hypothesis = naming.hypothesis
     before, after = (float(bench.target.gap(one.prediction)) for one in (naming.before, hypothesis.fit))
     found = _estimates(final)
     prefix = f"{hypothesis.label}."
     parameters = {name.removeprefix(prefix): one for name, one in found.items() if name.startswith(prefix)}
-    equivalent = choice.equivalent
-    rival = choice.next_best
+    equivalent = naming.known.equivalent
+    rival = naming.known.next_best
     against = ""
     if rival is not None:
         rest = float(bench.target.gap(rival.fit.prediction))
-        against = f"; the next best, {rival.name}, leaves {_percent(rest)}"
+        against = f"; the next best{' in its place' if naming.again else ''}, {rival.name}, leaves {_percent(rest)}"
+        against += " beside the other effects" if naming.again else ""
     alike = f"; these data cannot tell it from {' or '.join(equivalent)}" if equivalent else ""
     text = (
         f"{hypothesis.name} ({_values(parameters, hypothesis)}) takes the gap from {_percent(before)} to "
@@ -109,12 +110,17 @@ def _named(bench: Workbench, naming: Naming, last: State) -> Named:
         label=hypothesis.label,
         options=hypothesis.candidate.options,
         equivalent=equivalent,
-        confidence=round(confidence_in_the_end(choice, final, naming is not last.named[-1]), 3),
+        confidence=round(confidence_in_the_end(naming.known, final, _followed(naming, last)), 3),
         parameters=parameters,
         evidence=text,
         gap_before=before,
         gap_after=after,
     )
+
+
+def _followed(naming: Naming, last: State) -> bool:
+    """Whether other effects were named after it, and it was not judged again beside them."""
+    return naming.again is None and naming is not last.named[-1]
 
 
 def _values(parameters: Mapping[str, Estimate], hypothesis: Hypothesis) -> str:

@@ -1,0 +1,89 @@
+"""What earlier names are once the later ones are known: kept, replaced by what fits better now, or taken out again."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import torch
+
+from torchplate.diagnosis.fit import Fit, Prior, fit
+from torchplate.diagnosis.naming import Hypothesis, choose, is_needed
+from torchplate.diagnosis.state import Naming, State
+from torchplate.diagnosis.workbench import Workbench, with_candidate, without_candidate
+from torchplate.model import PlateModel
+
+# Rivals of an earlier name that are tried in its place.
+N_RIVAL = 4
+# A rival that leaves so many times as much as the last model is not followed to its end.
+HOPELESS = 10.0
+
+
+class Hindsight:
+    """Judges the named effects again, in the last model.
+
+    Args:
+        prior: what is known of the given model's parameters beforehand.
+        say: is told what is being tried.
+    """
+
+    def __init__(self, prior: Prior, say: Callable[[str], None]) -> None:
+        self.prior, self.say = prior, say
+
+    def judged_again(self, state: State, bench: Workbench) -> State:
+        """Each effect but the last beside what came near it when it was named, now that the others are in the model.
+
+        What was missing then may have spoken for it: a wire with a dashpot for a spring, where a window was missing.
+        """
+        for index in range(len(state.named) - 1):
+            state = self._one_judged_again(state, bench, index)
+        return state
+
+    def _one_judged_again(self, state: State, bench: Workbench, index: int) -> State:
+        naming = state.named[index]
+        here = replace(naming.hypothesis, fit=state.fit)
+        elsewhere = {one.hypothesis.name for one in state.named}
+        near = sorted((one for one in naming.rivals if one.name not in elsewhere), key=lambda one: one.cost)
+        refitted = [self._in_place_of(state, bench, naming, one) for one in near[:N_RIVAL]]
+        choice = choose([here, *refitted])
+        if choice.best is here:
+            kept = (*state.named[:index], replace(naming, again=choice), *state.named[index + 1 :])
+            return replace(state, named=kept)
+        better = choice.best
+        self.say(f"{better.name} in place of {naming.hypothesis.name}")
+        as_then = next(one for one in near if one.name == better.name)
+        renamed = replace(naming, hypothesis=as_then, choice=choose([naming.hypothesis, *near], as_then), again=choice)
+        return replace(
+            state,
+            model=self._exchanged(state, naming, better),
+            fit=better.fit,
+            named=(*state.named[:index], renamed, *state.named[index + 1 :]),
+        )
+
+    def _in_place_of(self, state: State, bench: Workbench, naming: Naming, rival: Hypothesis) -> Hypothesis:
+        model = self._exchanged(state, naming, rival)
+        values = dict(zip(rival.fit.model.names, rival.fit.theta.tolist(), strict=True))
+        values |= dict(zip(state.model.names, state.fit.theta.tolist(), strict=True))
+        start = model.space.to_cube(torch.tensor([values[name] for name in model.names]).to(state.fit.theta))
+        limit = HOPELESS * float(state.fit.misfit.fitted)
+        found = fit(bench, model, start.clamp(1e-3, 1 - 1e-3)[None], self.prior, wide=False, hopeless=limit)
+        self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
+        return replace(rival, fit=found)
+
+    @staticmethod
+    def _exchanged(state: State, naming: Naming, rival: Hypothesis) -> PlateModel:
+        without = without_candidate(state.model, naming.hypothesis.label, naming.hypothesis.candidate)
+        return with_candidate(without, rival.label, rival.candidate)
+
+    def without_needless(self, state: State, bench: Workbench, doubted: Sequence[Naming]) -> State:
+        """Take out again those of the doubted effects that the other ones made needless."""
+        for naming in doubted:
+            label = naming.hypothesis.label
+            model = without_candidate(state.model, label, naming.hypothesis.candidate)
+            kept = [state.model.names.index(name) for name in model.names]
+            found: Fit = fit(bench, model, model.space.to_cube(state.fit.theta[kept])[None], self.prior, wide=False)
+            back = replace(naming.hypothesis, fit=state.fit)
+            if not is_needed(found, back):
+                self.say(f"{naming.hypothesis.name} is no longer needed")
+                rest = tuple(one for one in state.named if one is not naming)
+                still = [one for one in doubted if one is not naming]
+                return self.without_needless(State(model, found, rest), bench, still)
+        return state

@@ -1,0 +1,80 @@
+"""Each name is judged again once the later ones are known."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.hindsight import Hindsight
+from torchplate.diagnosis.naming import choose
+from torchplate.diagnosis.state import Naming, State
+from torchplate.diagnosis.workbench import with_candidate
+
+
+class Two:
+    """A gain and a mass are hidden; one of two names was given first, the mass is found beside it."""
+
+    def __init__(self, lab, first: str):
+        scene = lab.Scene(hidden={"gain": 1.1, "mass": 0.15})
+        self.bench, before = scene.bench, scene.fit
+        hypotheses = {name: scene.hypothesis(name) for name in ("sensor_gain", "orthotropy", "time_delay")}
+        named = hypotheses[first]
+        choice = choose(list(hypotheses.values()), named)
+        model = with_candidate(scene.state.model, named.label, named.candidate)
+        state = State(model, named.fit, (Naming(named, choice, before, tuple(hypotheses.values())),), scene.state)
+        mass = scene.hypothesis("point_mass", state=state)
+        whole = with_candidate(model, mass.label, mass.candidate)
+        values = dict(zip(mass.fit.model.names, mass.fit.theta.tolist(), strict=True))
+        values |= {"point_mass_1.x": lab.spot[0], "point_mass_1.y": lab.spot[1]}
+        start = whole.space.to_cube(torch.tensor([values[name] for name in whole.names], dtype=torch.float64))
+        mass = replace(mass, fit=fit(self.bench, whole, start[None], wide=False))
+        last = Naming(mass, choose([mass]), named.fit, (mass,))
+        self.state = State(whole, mass.fit, (*state.named, last), state)
+        self.said: list[str] = []
+        self.hindsight = Hindsight({}, self.said.append)
+
+
+@torch.no_grad()
+def test_a_name_that_another_fits_better_now_is_replaced(lab):
+    two = Two(lab, "orthotropy")
+    found = two.hindsight.judged_again(two.state, two.bench)
+    assert [one.hypothesis.name for one in found.named] == ["sensor_gain", "point_mass"]
+    assert found.fit.cost < 0.5 * two.state.fit.cost
+    values = dict(zip(found.model.names, found.fit.theta.tolist(), strict=True))
+    assert values["sensor_gain_1.gain"] == pytest.approx(1.1, rel=0.01)
+    assert values["point_mass_1.mass"] == pytest.approx(0.15, rel=0.05)
+    assert not any(name.startswith("orthotropy") for name in found.model.names)
+    assert two.said[-1] == "sensor_gain in place of orthotropy"
+    # How it was when it was named is kept; what is known of it now stands beside it.
+    first = found.named[0]
+    assert first.hypothesis.fit.gap > 2 * first.again.best.fit.gap
+    assert first.known is first.again
+    # Beside the best the other one is far off.
+    assert first.known.equivalent == ()
+
+
+@torch.no_grad()
+def test_a_right_name_stays_and_knows_its_rivals_now(lab):
+    two = Two(lab, "sensor_gain")
+    then = two.state.named[0].choice
+    found = two.hindsight.judged_again(two.state, two.bench)
+    first, last = found.named
+    assert [first.hypothesis.name, last.hypothesis.name] == ["sensor_gain", "point_mass"]
+    assert found.fit is two.state.fit
+    assert first.choice is then
+    assert first.known.next_best.fit.model.names != then.next_best.fit.model.names
+    # Nothing came after the last.
+    assert last.again is None
+    assert last.known is last.choice
+
+
+@torch.no_grad()
+def test_what_the_others_make_needless_is_taken_out(lab):
+    two = Two(lab, "sensor_gain")
+    kept = two.hindsight.without_needless(two.state, two.bench, two.state.named)
+    assert kept is two.state
+    beside = Two(lab, "time_delay")
+    left = beside.hindsight.without_needless(beside.state, beside.bench, beside.state.named)
+    assert [one.hypothesis.name for one in left.named] == ["point_mass"]
+    assert "time_delay is no longer needed" in beside.said
