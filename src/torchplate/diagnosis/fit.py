@@ -39,6 +39,7 @@ class Fit(NamedTuple):
         prior: what the tolerances add to the sum of squares.
         gap: over all that was measured.
         believed: whether residuals were weighed by the noise, and not by what the model as such leaves.
+        n_told: parameters that something is known of beforehand.
     """
 
     model: PlateModel
@@ -50,6 +51,7 @@ class Fit(NamedTuple):
     prior: float
     gap: float
     believed: bool = True
+    n_told: int = 0
 
     @property
     def reduced_misfit(self) -> float:
@@ -188,10 +190,10 @@ def fit(
     prediction = bench.predict(reduced, theta)
     misfit = bench.target.misfit(prediction)
     covariance = _covariance(jacobian[best], model, position, max(1.0, 2 * value / max(1.0, misfit.n_fitted)))
-    told = float(problem.told(theta).square().sum())
-    believed = bench.target.believes_the_model
+    told = problem.told(theta)
+    believed, gap = bench.target.believes_the_model, bench.target.whole_gap(prediction)
     return Fit(
-        corrected, reduced, theta, covariance, prediction, misfit, told, bench.target.whole_gap(prediction), believed
+        corrected, reduced, theta, covariance, prediction, misfit, float(told.square().sum()), gap, believed, len(told)
     )
 
 

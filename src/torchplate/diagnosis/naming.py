@@ -58,15 +58,16 @@ class Hypothesis:
 
     @property
     def price(self) -> float:
-        """Of its parameters; a choice among channels or edges is one, too.
+        """Of its parameters; a choice among channels or edges is one, too, but not that of the edge that is held.
 
-        Where the model is doubted few numbers are independent, and each parameter costs more than the one before.
+        Where the model is doubted few numbers are independent, and each parameter of which nothing is known beforehand
+        costs more than the one before.
         """
-        own = len(self.candidate.searched) + bool(self.candidate.options)
+        own = len(self.candidate.searched) + bool(self.candidate.options and not self.candidate.replaces)
         if self.fit.believed:
             return PRICE * own
         n = self.fit.misfit.n_fitted + self.fit.misfit.n_heldout
-        without = len(self.fit.theta) - len(self.candidate.searched)
+        without = len(self.fit.theta) - self.fit.n_told - len(self.candidate.searched)
         whole = price_of_few(n, without + own)
         return whole if whole == math.inf else whole - price_of_few(n, without)
 
@@ -113,10 +114,13 @@ def choose(hypotheses: Sequence[Hypothesis], best: Hypothesis | None = None) -> 
 
     Args:
         hypotheses: all of them.
-        best: the one to name, where it is not the one that least speaks against; left out, it is that one.
+        best: the one to name; left out, it is the one that least speaks against, and where the model is doubted the
+            one that closes most of the gap among those that are as good.
     """
     ranked = sorted(hypotheses, key=lambda one: one.cost)
-    best = best or ranked[0]
+    if best is None:
+        near = [one for one in ranked if one.cost - ranked[0].cost <= EQUIVALENT]
+        best = ranked[0] if ranked[0].fit.believed else min(near, key=lambda one: one.fit.gap, default=ranked[0])
     unit = max(1.0, best.fit.reduced_misfit) if best.fit.believed else 1.0
     alike = max(EQUIVALENT, EQUIVALENT_PART * best.cost / unit) if best.fit.believed else EQUIVALENT
     equivalent, others = [], []
