@@ -20,6 +20,8 @@ from torchplate.search.least_squares import least_squares
 
 # Iterations at each wide level, and at the sharp one.
 N_WIDE, N_SHARP = 6, 12
+# Damping of the steps at the end, where something is known beforehand: valleys that only this makes unlevel are long.
+FREE = 1e-9
 # Bases built for one fit at most, and the relative change of the misfit at which the last is good.
 N_BASIS, SETTLED = 3, 2e-2
 # A parameter off by its standard deviation weighs at the wide levels as much as this part of all that is measured.
@@ -92,6 +94,11 @@ class Problem:
         self._mean, self._std = (model.known.new_tensor([row[k] for row in known]) for k in (1, 2))
 
     @property
+    def knows(self) -> bool:
+        """Whether something is known beforehand."""
+        return bool(self._index)
+
+    @property
     def target(self) -> Target:
         """What it is held against."""
         return self.bench.target
@@ -117,7 +124,7 @@ class Problem:
         return (theta[..., self._index] - self._mean) / self._std
 
     def descend(
-        self, start: Float[Tensor, "n_start n"], level: int, n_iteration: int
+        self, start: Float[Tensor, "n_start n"], level: int, n_iteration: int, damping: float = 1e-3
     ) -> tuple[Float[Tensor, "n_start n"], Float[Tensor, " n_start"], Float[Tensor, "n_start n_residual n"]]:
         """Places where least squares ends, half their sums of squares, and the Jacobians there."""
         found = least_squares(
@@ -127,7 +134,7 @@ class Problem:
             n_iteration=n_iteration,
             objective_tolerance=1e-2 if level < self.target.levels - 1 else 1e-4,
             step_tolerance=1e-7,
-            damping=1e-2 if level < self.target.levels - 1 else 1e-3,
+            damping=1e-2 if level < self.target.levels - 1 else damping,
         )
         return found.position, found.objective, found.jacobian
 
@@ -186,6 +193,9 @@ def fit(
             break
         if float(moved) < 1e-6 or 2 * value > hopeless:
             break
+    if problem.knows and 2 * value <= hopeless:
+        places, _, jacobian = problem.descend(position[None], bench.target.levels - 1, N_SHARP, FREE)
+        position, best = places[0], 0
     theta = model.space.to_si(position)
     prediction = bench.predict(reduced, theta)
     misfit = bench.target.misfit(prediction)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import torch
 
 from torchplate.diagnosis.fit import Fit, Prior, fit
+from torchplate.diagnosis.look import GROUNDED, Look
 from torchplate.diagnosis.naming import Hypothesis, choose, is_needed
 from torchplate.diagnosis.state import Naming, State
 from torchplate.diagnosis.workbench import Workbench, with_candidate, without_candidate
@@ -21,35 +22,52 @@ class Hindsight:
     """Judges the named effects again, in the last model.
 
     Args:
+        bench: builds and evaluates the models.
+        look: the looks over the catalogue.
         prior: what is known of the given model's parameters beforehand.
         say: is told what is being tried.
     """
 
-    def __init__(self, prior: Prior, say: Callable[[str], None]) -> None:
-        self.prior, self.say = prior, say
+    def __init__(self, bench: Workbench, look: Look, prior: Prior, say: Callable[[str], None]) -> None:
+        self.bench, self.look, self.prior, self.say = bench, look, prior, say
 
-    def judged_again(self, state: State, bench: Workbench) -> State:
-        """Each effect but the last beside what came near it when it was named, now that the others are in the model.
+    def judged_again(self, state: State) -> State:
+        """The names that are left where each is judged beside the others, if there are several."""
+        if len(state.named) < 2:
+            return state
+        found = self.beside_the_others(state, state.named[:-1])
+        found = self.without_needless(found, self.bench, found.named)
+        if [one.hypothesis.name for one in found.named] != [one.hypothesis.name for one in state.named]:
+            # The others are not those that they were.
+            found = self.beside_the_others(found, found.named)
+        return found
+
+    def beside_the_others(self, state: State, doubted: Sequence[Naming]) -> State:
+        """Effects beside what came near them when they were named, now that the others are in the model.
 
         What was missing then may have spoken for it: a wire with a dashpot for a spring, where a window was missing.
         """
-        for index in range(len(state.named) - 1):
-            state = self._one_judged_again(state, bench, index)
+        for naming in doubted:
+            state = self._one_judged_again(state, state.named.index(naming))
         return state
 
-    def _one_judged_again(self, state: State, bench: Workbench, index: int) -> State:
+    def _one_judged_again(self, state: State, index: int) -> State:
         naming = state.named[index]
         here = replace(naming.hypothesis, fit=state.fit)
         elsewhere = {one.hypothesis.name for one in state.named}
         near = sorted((one for one in naming.rivals if one.name not in elsewhere), key=lambda one: one.cost)
-        refitted = [self._in_place_of(state, bench, naming, one) for one in near[:N_RIVAL]]
+        refitted = [self._in_place_of(state, naming, one) for one in near[:N_RIVAL]]
         choice = choose([here, *refitted])
+        if choice.best.name in GROUNDED:
+            supports = self.look.as_supports(self._without(state, naming), choice.best)
+            near += supports
+            choice = choose([here, *refitted, *supports])
         if choice.best is here:
             kept = (*state.named[:index], replace(naming, again=choice), *state.named[index + 1 :])
             return replace(state, named=kept)
         better = choice.best
         self.say(f"{better.name} in place of {naming.hypothesis.name}")
-        as_then = next(one for one in near if one.name == better.name)
+        as_then = next(one for one in near if one.name == better.name and one.candidate is better.candidate)
         renamed = replace(naming, hypothesis=as_then, choice=choose([naming.hypothesis, *near], as_then), again=choice)
         return replace(
             state,
@@ -58,15 +76,22 @@ class Hindsight:
             named=(*state.named[:index], renamed, *state.named[index + 1 :]),
         )
 
-    def _in_place_of(self, state: State, bench: Workbench, naming: Naming, rival: Hypothesis) -> Hypothesis:
+    def _in_place_of(self, state: State, naming: Naming, rival: Hypothesis) -> Hypothesis:
         model = self._exchanged(state, naming, rival)
         values = dict(zip(rival.fit.model.names, rival.fit.theta.tolist(), strict=True))
         values |= dict(zip(state.model.names, state.fit.theta.tolist(), strict=True))
         start = model.space.to_cube(torch.tensor([values[name] for name in model.names]).to(state.fit.theta))
         limit = HOPELESS * float(state.fit.misfit.fitted)
-        found = fit(bench, model, start.clamp(1e-3, 1 - 1e-3)[None], self.prior, wide=False, hopeless=limit)
+        found = fit(self.bench, model, start.clamp(1e-3, 1 - 1e-3)[None], self.prior, wide=False, hopeless=limit)
         self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
         return replace(rival, fit=found)
+
+    @staticmethod
+    def _without(state: State, naming: Naming) -> State:
+        """As if it had not been named; its fit says where the rest was."""
+        model = without_candidate(state.model, naming.hypothesis.label, naming.hypothesis.candidate)
+        kept = [state.model.names.index(name) for name in model.names]
+        return State(model, state.fit._replace(model=model, theta=state.fit.theta[kept]))
 
     @staticmethod
     def _exchanged(state: State, naming: Naming, rival: Hypothesis) -> PlateModel:

@@ -84,7 +84,7 @@ class Look:
             starts = torch.cat(several)
             hypotheses.append(self._refit(state.model, one.candidate, one.label, starts, HOPELESS * least))
         hypotheses = self._run_off(state, _best_of_each(hypotheses + self._again(state)))
-        hypotheses += [more for one in hypotheses if one.name in GROUNDED for more in self._as_supports(state, one)]
+        hypotheses += [more for one in hypotheses if one.name in GROUNDED for more in self.as_supports(state, one)]
         return Looked(tuple(promises), tuple(_best_of_each(hypotheses)))
 
     def _again(self, state: State) -> list[Hypothesis]:
@@ -188,8 +188,13 @@ class Look:
         kept = [one for rank, one in enumerate(ends[:N_SHARP]) if rank < 2 or one[0] <= NEAR**2 * ends[0][0]]
         return [(promise, starts) for _, promise, starts in kept]
 
-    def _as_supports(self, state: State, found: Hypothesis) -> list[Hypothesis]:
-        """What is grounded at a place may be a further support: spring and dashpot at once, at a node."""
+    def as_supports(self, state: State, found: Hypothesis) -> list[Hypothesis]:
+        """What is grounded at a place may be a further support: spring and dashpot at once, at a node.
+
+        Args:
+            state: without it.
+            found: with it.
+        """
         values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
         at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", "stiffness", "viscous_damping")}
         refitted = []

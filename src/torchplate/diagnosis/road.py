@@ -116,7 +116,7 @@ class Road:
         self.given, self.prior = with_tolerances(model, tolerance)
         self.bench = Workbench(self.given, target)
         self.say, self.look = say, Look(self.bench, self.prior, channels_of(model), say)
-        self.hindsight = Hindsight(self.prior, say)
+        self.hindsight = Hindsight(self.bench, self.look, self.prior, say)
 
     def baseline(self) -> State:
         """The given model, fitted on a mesh whose error is taken off; and on its own mesh, to see what that costs."""
@@ -217,9 +217,7 @@ class Road:
         was not the mesh.
         """
         bench, target = self.bench, self.bench.target
-        if len(state.named) > 1:
-            state = self.hindsight.judged_again(state, bench)
-            state = self.hindsight.without_needless(state, bench, state.named)
+        state = self.hindsight.judged_again(state)
         little = isinstance(target, FrfTarget) and state.fit.believed and state.fit.reduced_misfit < PERHAPS_MESH
         if not little and not state.named:
             return state

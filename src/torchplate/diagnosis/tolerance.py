@@ -8,6 +8,7 @@ stiffness goes with Young's modulus.
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 from torchplate.diagnosis.fit import Prior
@@ -74,4 +75,8 @@ def with_tolerances(model: PlateModel, tolerance: Mapping[str, float]) -> Held:
         low = allowed.low + LEAST * mean if allowed.open_low else allowed.low
         wanted[key] = Searched(max(mean - REACH * std, low), min(mean + REACH * std, allowed.high))
     rest = {key: value for key, value in known.items() if key not in wanted}
-    return Held(rebuilt(model, effects, rest, searched(model) | wanted), prior)
+    # Valleys, as of E h³ and ρ h, are products of powers and as long as what is known lets them be: straight in logs.
+    straight = {
+        key: replace(interval, logarithmic=interval.low > 0) for key, interval in (searched(model) | wanted).items()
+    }
+    return Held(rebuilt(model, effects, rest, straight), prior)

@@ -19,7 +19,7 @@ class Density(Effect):
             "kg/m³",
             "mass per volume ρ, in place of the plate's",
             positive,
-            prior=Prior(0.8, 1.2, relative_to="density"),
+            prior=Prior(0.8, 1.2, logarithmic=True, relative_to="density"),
         )
     }
     acts_on = frozenset({"section"})

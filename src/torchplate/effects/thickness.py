@@ -16,7 +16,10 @@ class Thickness(Effect):
 
     parameters = {
         "value": Parameter(
-            "m", "thickness h, in place of the plate's", positive, prior=Prior(0.9, 1.1, relative_to="thickness")
+            "m",
+            "thickness h, in place of the plate's",
+            positive,
+            prior=Prior(0.9, 1.1, logarithmic=True, relative_to="thickness"),
         )
     }
     acts_on = frozenset({"section"})

@@ -2,9 +2,10 @@
 
 Columns are the modes in the band and somewhat above it, at the middle of the box and at a few other members, without
 cutting a cluster of close modes; and the static residual of all higher modes at every response, force, spring, dashpot
-and mass (residual flexibility: MacNeal, Computers & Structures 1 (1971) 581; sampling the box: Balmès, MSSP 10 (1996)
-381). The columns are M-orthonormal at the middle of the box. Whether the basis is good enough is measured against the
-full model, on members that it was not built from; if not, it takes those in, with more modes, and is measured again.
+and mass, and under what elements with a loss of their own do to the modes in the band (residual flexibility: MacNeal,
+Computers & Structures 1 (1971) 581; sampling the box: Balmès, MSSP 10 (1996) 381). The columns are M-orthonormal at the
+middle of the box. Whether the basis is good enough is measured against the full model, on members that it was not built
+from; if not, it takes those in, with more modes, and is measured again.
 """
 
 import torch
@@ -15,11 +16,14 @@ from torch.quasirandom import SobolEngine
 from torchplate.model import fine_mesh
 from torchplate.model.error_estimate import basis_error, estimated_error
 from torchplate.model.fine_mesh import SparseModel
+from torchplate.model.modes import Modes
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.shared_modes import factors, find_shared_modes
 
 # Modes up to this multiple of the band's end are kept, round by round; higher ones act through their static residual.
 MARGIN = (2.0, 3.0, 4.5)
+# Modes up to this multiple of the band's end are in it, for what damped elements do to them.
+ABOVE = 1.2
 # Modes closer than this, relative to their eigenvalue, are kept or left together.
 CLUSTER = 1e-2
 # Directions with less than this part of the largest column are rounding, or say nothing new.
@@ -124,7 +128,8 @@ def ritz_basis(
         shape = modes.shape[:, :count]
         columns.append(shape)
         if frequency is not None:
-            residual = sparse.residual(shape, _forces(model, member))
+            forces = torch.cat([_forces(model, member), _patch_forces(sparse, modes, top / margin)])
+            residual = sparse.residual(shape, forces)
             # Scaled to the size of a mode: only directions count.
             columns.append(residual / residual.norm(dim=0).clamp(min=1e-300) * shape.norm(dim=0).mean())
     stack = torch.cat(columns, dim=-1)
@@ -133,6 +138,14 @@ def ritz_basis(
     strength, direction = torch.linalg.eigh(0.5 * (gram + gram.mT))
     kept = strength > INDEPENDENT * strength[-1]
     return stack @ direction[:, kept] / strength[kept].sqrt()
+
+
+def _patch_forces(sparse: SparseModel, modes: Modes, frequency: float) -> Float[Tensor, "n_row n"]:
+    """Rows of what elements with a loss of their own do to the modes in the band: H φ, a quarter of a cycle late."""
+    if sparse.hysteretic is None:
+        return modes.shape.new_zeros(0, len(modes.shape))
+    in_band = modes.shape[:, modes.frequency <= ABOVE * frequency]
+    return torch.from_numpy((sparse.hysteretic @ in_band.double().cpu().numpy()).T.copy()).to(in_band)
 
 
 def _forces(model: PlateModel, theta: Tensor) -> Float[Tensor, "n_row n"]:
