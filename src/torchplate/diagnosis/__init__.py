@@ -9,7 +9,7 @@
 - `rebuilding`: the same plate with other effects or other numbers.
 - `candidate`: every effect of the catalogue that may be missing, with its options, places and sizes.
 - `screen`: the score test over all of them; `fit`: the refit of one.
-- `naming`: the best, its equivalents, how sure that is.
+- `naming`: the best, its equivalents, how sure that is; `hindsight`: what earlier names are once later ones are known.
 - `localise`: where the misfit sits: in frequency, in the channels, on the plate, and of which kind it is.
 - `assurance`: FRAC, CSAC, CSF and FDAC of what was measured with a model.
 - `next_measurement`: the cheapest measurement that would part equivalents.
