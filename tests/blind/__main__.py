@@ -17,7 +17,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog="python tests/blind", description="The blind benchmark of torchplate diagnose."
     )
-    parser.add_argument("--set", dest="seed_set", default="A", help="seed set: A for tuning, B untouched until the end")
+    parser.add_argument("--set", dest="seed_set", default="A", help="seed set: A and B were seen in tuning, C was not")
     parser.add_argument("--out", type=Path, help="folder of cases, results.jsonl and table.md (runs/blind/SET)")
     parser.add_argument("--workers", type=int, default=2, help="processes, one thread each")
     parser.add_argument("--cases", default="0:", help="a slice 0:20 or a list 3,17")
