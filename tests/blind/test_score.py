@@ -88,6 +88,14 @@ def test_exact_twins_must_be_named_together_unless_a_std_parts_them():
     assert verdict(record(free, "explained", answer("sensor_gain"))).twin_as_sure
 
 
+def test_one_tighter_wire_is_a_spring_to_the_ground_and_a_slack_one_is_not():
+    for factors, alike in (((1.0, 1.6), True), ((1.0, 0.6), False), ((1.5, 1.6), False)):
+        hidden = {f"factor_{index + 1}": one for index, one in enumerate(factors)}
+        assert ("ground_spring" in twins("support_asymmetry", truth(support_asymmetry=hidden))) == alike
+    spring = truth(ground_spring={"x": 0.2, "y": 0.7, "stiffness": 300.0})
+    assert "support_asymmetry" not in twins("ground_spring", spring)
+
+
 def test_orthotropy_is_a_stretch_only_without_a_shear_factor():
     assert "aspect_ratio" in twins("orthotropy", truth(orthotropy={"young_ratio": 1.2, "shear_factor": 1.0}))
     assert "aspect_ratio" not in twins("orthotropy", truth(orthotropy={"young_ratio": 1.2, "shear_factor": 1.1}))

@@ -39,6 +39,7 @@ TABLE = (
     Twins("viscous_damping", "hysteretic_damping", "sbK is iβK over a narrow band, saM likewise iηM."),
     Twins("support_spring", "ground_spring", "A further wire is a spring to the ground at its place, with a dashpot."),
     Twins("support_spring", "ground_dashpot", "A further wire is a dashpot at its place if its spring is too soft."),
+    Twins("support_asymmetry", "ground_spring", "A tighter wire is that wire and a spring to the ground beside it."),
     Twins("channel_swap", "channel_polarity", "Channels at places of mirror symmetry differ in sign alone."),
     Twins("stiffness_loss", "thickness_taper", "A large weak patch at one side leans as a taper does."),
 )  # fmt: skip
@@ -72,6 +73,10 @@ def _holds(name: str, other: str, p: dict[str, float], case: dict[str, Any]) -> 
     if {name, other} == {"density", "sensor_gain"} or {name, other} == {"thickness", "sensor_gain"}:
         # A known mass or spring beside the plate gives the level a scale.
         return not {"point_mass", "ground_spring", "edge_spring"} & {one["effect"] for one in case["hidden"]}
+    if {name, other} == {"support_asymmetry", "ground_spring"}:
+        # One wire, and tighter: a spring is never negative.
+        changed = [value for value in p.values() if value != 1.0] if name == "support_asymmetry" else []
+        return len(changed) == 1 and changed[0] > 1
     if {name, other} == {"channel_swap", "channel_polarity"}:
         return name == "channel_swap" and case["n_frf"] <= 12
     if {name, other} == {"stiffness_loss", "thickness_taper"}:

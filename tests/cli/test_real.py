@@ -41,7 +41,7 @@ def test_nothing_is_missing_from_the_strip_that_its_peaks_show(console, tmp_path
 
 
 def test_frfs_whose_phases_say_nothing_are_not_explained(console, tmp_path):
-    found = examine(case("free_strip"), console, tmp_path, ["measurement.band=[25, 120]", "mesh.n_x=40"], report=False)
+    found = examine(case("free_strip"), console, tmp_path, ["measurement.band=[25, 60]", "mesh.n_x=40"], report=False)
     if found is None:
         pytest.skip("the measurement is not part of the project")
     assert found.diagnosis.verdict in ("unexplained", "partly_explained")

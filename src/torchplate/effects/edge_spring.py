@@ -1,6 +1,7 @@
 """An edge that is held elastically: neither free nor pinned nor clamped."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -57,8 +58,8 @@ class EdgeSpring(Effect):
         if self.edge not in EDGES:
             raise ValueError(f"Expected edge_spring.edge to be one of {', '.join(EDGES)}, got '{self.edge}'. Name one.")
 
-    def local(self, mesh: Mesh, value: Value) -> Local:
-        """Deflection and slope across the edge at the Gauss points of every element there."""
+    def attached(self, mesh: Mesh, terms: Sequence[Local], value: Value) -> Sequence[Local]:
+        """The terms before it, then deflection and slope across the edge at the Gauss points of every element there."""
         edge = self.edge
         spring, rotational = torch.broadcast_tensors(value["stiffness"], value["rotational_stiffness"])
         along = 1 if edge.startswith("x") else 0
@@ -75,5 +76,5 @@ class EdgeSpring(Effect):
         slope = (1 - part) * at_node[:-1].repeat_interleave(3, 0) + part * at_node[1:].repeat_interleave(3, 0)
         deflection = rows(((torch.arange(n)[:, None] + POINT) / n).flatten())
         weight = (WEIGHT.repeat(n) * sides[along] / n).to(spring)
-        stiffness = torch.cat([coefficient[..., None] * weight for coefficient in (spring, rotational)], dim=-1)
-        return Local(torch.cat([deflection, slope]), stiffness=stiffness)
+        own = [Local(row, stiffness=k[..., None] * weight) for row, k in ((deflection, spring), (slope, rotational))]
+        return [*terms, *own]

@@ -16,7 +16,6 @@ from torch.quasirandom import SobolEngine
 from torchplate.model import fine_mesh
 from torchplate.model.error_estimate import basis_error, estimated_error
 from torchplate.model.fine_mesh import SparseModel
-from torchplate.model.modes import Modes
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.shared_modes import factors, find_shared_modes
 
@@ -128,7 +127,8 @@ def ritz_basis(
         shape = modes.shape[:, :count]
         columns.append(shape)
         if frequency is not None:
-            forces = torch.cat([_forces(model, member), _patch_forces(sparse, modes, top / margin)])
+            in_band = modes.shape[:, modes.frequency <= ABOVE * top / margin]
+            forces = torch.cat([_forces(model, member, in_band), _patch_forces(sparse, in_band)])
             residual = sparse.residual(shape, forces)
             # Scaled to the size of a mode: only directions count.
             columns.append(residual / residual.norm(dim=0).clamp(min=1e-300) * shape.norm(dim=0).mean())
@@ -140,18 +140,25 @@ def ritz_basis(
     return stack @ direction[:, kept] / strength[kept].sqrt()
 
 
-def _patch_forces(sparse: SparseModel, modes: Modes, frequency: float) -> Float[Tensor, "n_row n"]:
-    """Rows of what elements with a loss of their own do to the modes in the band: H φ, a quarter of a cycle late."""
+def _patch_forces(sparse: SparseModel, modes: Float[Tensor, "n n_mode"]) -> Float[Tensor, "n_row n"]:
+    """Rows of what elements with a loss of their own do to some modes: H φ, a quarter of a cycle late."""
     if sparse.hysteretic is None:
-        return modes.shape.new_zeros(0, len(modes.shape))
-    in_band = modes.shape[:, modes.frequency <= ABOVE * frequency]
-    return torch.from_numpy((sparse.hysteretic @ in_band.double().cpu().numpy()).T.copy()).to(in_band)
+        return modes.new_zeros(0, len(modes))
+    return torch.from_numpy((sparse.hysteretic @ modes.double().cpu().numpy()).T.copy()).to(modes)
 
 
-def _forces(model: PlateModel, theta: Tensor) -> Float[Tensor, "n_row n"]:
-    """Rows over the free dofs where something pushes or is read; the inertia of the plate where its base moves."""
+def _forces(model: PlateModel, theta: Tensor, modes: Float[Tensor, "n n_mode"]) -> Float[Tensor, "n_row n"]:
+    """Rows over the free dofs where something pushes or is read; the inertia of the plate where its base moves.
+
+    What acts along a line at more places than there are modes in the band pushes as these modes make it push.
+    """
     plan = model.plan(theta)
-    rows = [model.assembly.rows(term.vector) for term in plan.terms]
+    rows = []
+    for term in plan.terms:
+        row, springs = model.assembly.rows(term.vector), term.stiffness
+        if len(row) > modes.shape[-1] and springs is not None and bool(springs.any()):
+            row = (springs[:, None] * (row @ modes)).mT @ row
+        rows.append(row)
     for points in (model.response, model.reference):
         if points:
             rows.append(model.assembly.rows(model.mesh.deflection_at(model.mesh.places(points).to(theta))))
