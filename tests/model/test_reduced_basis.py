@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.effects import HystereticDamping, Plate, PointMass, SupportSpring
+from torchplate.effects import DampingPatch, EdgeSpring, HystereticDamping, Plate, PointMass, SupportSpring
 from torchplate.model import PlateModel, Searched, SparseModel, basis_error, fine_mesh, reduce, reduced_basis
 from torchplate.plate import Mesh
 
@@ -169,3 +169,35 @@ def test_the_basis_is_orthonormal_in_the_mass_of_the_first_member():
     gram = basis.mT @ SparseModel(model, theta[0]).times_mass(basis)
     # Directions down to 1e-11 of the strongest are kept, in the square of their length: rounding grows by 1e5.5.
     assert float((gram - torch.eye(len(gram), dtype=torch.float64)).abs().max()) < 1e-4
+
+
+NUMBERS = KNOWN | {"plate.youngs_modulus": 7e10, "plate.poisson_ratio": 0.32, "plate.thickness": 3e-3}
+
+
+def with_one(effect, values, searched):
+    effects = {"plate": Plate(), "loss": HystereticDamping(), "one": effect}
+    known = {key: value for key, value in NUMBERS.items() if not key.startswith("wires")} | values
+    return PlateModel(Mesh(0.47, 0.31, 12, 8), effects, known, searched, [3, 71], [5, 44], "accelerance")
+
+
+@pytest.mark.parametrize("loss", [0.05, 0.5])
+def test_what_a_lossy_patch_does_to_the_modes_is_in_the_basis(loss):
+    place = {"one.x": 0.31, "one.y": 0.39, "one.size": 0.19}
+    model = with_one(DampingPatch(), place, {"one.loss_factor": Searched(1e-3, 1.0, True)})
+    theta = torch.tensor([[loss]], dtype=torch.float64)
+    small = model.projected(reduced_basis.ritz_basis(model, theta, FREQUENCY, 0, 3.0))
+    assert frf_error(model, small, theta, FREQUENCY[::4]) < 1e-3
+
+
+def test_an_edge_on_springs_takes_few_vectors_and_may_yield():
+    springs = {"one.stiffness": Searched(1e2, 1e6, True), "one.rotational_stiffness": Searched(1.0, 1e4, True)}
+    model = with_one(EdgeSpring("x0"), {}, springs)
+    start = torch.tensor([[2e4, 200.0]], dtype=torch.float64)
+    basis = reduced_basis.ritz_basis(model, start, FREQUENCY, 0, 3.0)
+    # Twenty-four places on the edge, at each a deflection and a slope.
+    modes = SparseModel(model, start[0]).modes(1, 3.0 * float(FREQUENCY[-1]))
+    assert basis.shape[-1] < len(modes.eigenvalue) + 30
+    small = model.projected(basis)
+    assert frf_error(model, small, start, FREQUENCY[::4]) < 1e-4
+    # As far as one step of a fit goes.
+    assert frf_error(model, small, 1.1 * start, FREQUENCY[::4]) < 2e-3
