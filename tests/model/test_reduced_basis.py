@@ -191,10 +191,10 @@ def test_what_a_lossy_patch_does_to_the_modes_is_in_the_basis(loss):
 
 def test_an_edge_on_springs_takes_few_vectors_and_may_yield():
     springs = {"one.stiffness": Searched(1e2, 1e6, True), "one.rotational_stiffness": Searched(1.0, 1e4, True)}
-    model = with_one(EdgeSpring("x0"), {}, springs)
+    model = with_one(EdgeSpring("y0"), {}, springs)
     start = torch.tensor([[2e4, 200.0]], dtype=torch.float64)
     basis = reduced_basis.ritz_basis(model, start, FREQUENCY, 0, 3.0)
-    # Twenty-four places on the edge, at each a deflection and a slope.
+    # Thirty-six places on the edge, at each a deflection and a slope.
     modes = SparseModel(model, start[0]).modes(1, 3.0 * float(FREQUENCY[-1]))
     assert basis.shape[-1] < len(modes.eigenvalue) + 30
     small = model.projected(basis)
