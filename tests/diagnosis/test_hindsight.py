@@ -15,10 +15,10 @@ from torchplate.diagnosis.workbench import with_candidate
 class Two:
     """A gain and a mass are hidden; one of two names was given first, the mass is found beside it."""
 
-    def __init__(self, lab, first: str):
+    def __init__(self, lab, first: str, *rivals: str):
         scene = lab.Scene(hidden={"gain": 1.1, "mass": 0.15})
         self.bench, before = scene.bench, scene.fit
-        hypotheses = {name: scene.hypothesis(name) for name in ("sensor_gain", "orthotropy", "time_delay")}
+        hypotheses = {name: scene.hypothesis(name) for name in (first, *rivals)}
         named = hypotheses[first]
         choice = choose(list(hypotheses.values()), named)
         model = with_candidate(scene.state.model, named.label, named.candidate)
@@ -37,7 +37,7 @@ class Two:
 
 @torch.no_grad()
 def test_a_name_that_another_fits_better_now_is_replaced(lab):
-    two = Two(lab, "orthotropy")
+    two = Two(lab, "orthotropy", "sensor_gain", "time_delay")
     found = two.hindsight.judged_again(two.state)
     assert [one.hypothesis.name for one in found.named] == ["sensor_gain", "point_mass"]
     assert found.fit.cost < 0.5 * two.state.fit.cost
@@ -56,7 +56,7 @@ def test_a_name_that_another_fits_better_now_is_replaced(lab):
 
 @torch.no_grad()
 def test_a_right_name_stays_and_knows_its_rivals_now(lab):
-    two = Two(lab, "sensor_gain")
+    two = Two(lab, "sensor_gain", "orthotropy", "time_delay")
     then = two.state.named[0].choice
     found = two.hindsight.judged_again(two.state)
     first, last = found.named
@@ -67,6 +67,16 @@ def test_a_right_name_stays_and_knows_its_rivals_now(lab):
     # Nothing came after the last.
     assert last.again is None
     assert last.known is last.choice
+
+
+@torch.no_grad()
+def test_a_name_that_is_as_good_as_the_best_stays(lab):
+    # A free plate of another density is one of another gain.
+    for first, other in (("sensor_gain", "density"), ("density", "sensor_gain")):
+        two = Two(lab, first, other, "orthotropy")
+        found = two.hindsight.judged_again(two.state)
+        assert found.named[0].hypothesis.name == first
+        assert found.named[0].known.equivalent == (other,)
 
 
 @torch.no_grad()

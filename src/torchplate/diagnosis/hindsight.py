@@ -56,13 +56,15 @@ class Hindsight:
         here = replace(naming.hypothesis, fit=state.fit)
         elsewhere = {one.hypothesis.name for one in state.named}
         near = sorted((one for one in naming.rivals if one.name not in elsewhere), key=lambda one: one.cost)
-        refitted = [self._in_place_of(state, naming, one) for one in near[:N_RIVAL]]
-        choice = choose([here, *refitted])
+        every = [here, *(self._in_place_of(state, naming, one) for one in near[:N_RIVAL])]
+        choice = choose(every)
         if choice.best.name in GROUNDED:
             supports = self.look.as_supports(self._without(state, naming), choice.best)
             near += supports
-            choice = choose([here, *refitted, *supports])
-        if choice.best is here:
+            every += supports
+            choice = choose(every)
+        if choice.best is here or here.name in choice.equivalent:
+            choice = choose(every, here)
             kept = (*state.named[:index], replace(naming, again=choice), *state.named[index + 1 :])
             return replace(state, named=kept)
         better = choice.best
@@ -78,11 +80,13 @@ class Hindsight:
 
     def _in_place_of(self, state: State, naming: Naming, rival: Hypothesis) -> Hypothesis:
         model = self._exchanged(state, naming, rival)
-        values = dict(zip(rival.fit.model.names, rival.fit.theta.tolist(), strict=True))
-        values |= dict(zip(state.model.names, state.fit.theta.tolist(), strict=True))
-        start = model.space.to_cube(torch.tensor([values[name] for name in model.names]).to(state.fit.theta))
+        then = dict(zip(rival.fit.model.names, rival.fit.theta.tolist(), strict=True))
+        now = dict(zip(state.model.names, state.fit.theta.tolist(), strict=True))
+        # From where the rest is now, and from where the rival had it.
+        starts = [[values[name] for name in model.names] for values in (then | now, now | then)]
+        start = model.space.to_cube(torch.tensor(starts).to(state.fit.theta)).clamp(1e-3, 1 - 1e-3)
         limit = HOPELESS * float(state.fit.misfit.fitted)
-        found = fit(self.bench, model, start.clamp(1e-3, 1 - 1e-3)[None], self.prior, wide=False, hopeless=limit)
+        found = fit(self.bench, model, start, self.prior, wide=False, hopeless=limit)
         self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
         return replace(rival, fit=found)
 
