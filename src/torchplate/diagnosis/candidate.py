@@ -7,7 +7,7 @@ of their options. A new effect is a candidate as soon as it is in the catalogue.
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -163,6 +163,50 @@ def supports_at(
         wanted[name] = Searched(interval.low, interval.high, True)
         start[name] = min(max(value, 1.01 * interval.low), 0.99 * interval.high)
     return [Candidate(kind(**options), options, wanted, {}, (Trial(start, *BELIEVED),)) for options in chosen]
+
+
+def tighter_at(
+    model: PlateModel, theta: Tensor, channels: "Channels", x: float, y: float, stiffness: float
+) -> tuple[Candidate, Tensor] | None:
+    """The one of the supports that is where a spring was found, tighter by that spring: the same physics.
+
+    Args:
+        model: without the spring.
+        theta: its searched parameters, beside the spring.
+        channels: what was measured.
+        x: place of the spring, relative.
+        y: likewise.
+        stiffness: of the spring [N/m].
+
+    Returns:
+        The candidate, with factors to begin with, and the searched parameters that go with them; None where no support
+        is there.
+    """
+    for candidate in candidates(model, theta, channels):
+        if candidate.name != "support_asymmetry":
+            continue
+        ((key, points),) = candidate.options.items()
+        away = (model.mesh.places(list(points)) - torch.tensor([x, y], dtype=torch.float64)).norm(dim=-1)
+        at = int(away.argmin())
+        if float(away[at]) > NEAR_NODE:
+            continue
+        supports = {label: own for label, own in model.effects.items() if own.name == "support_spring"}
+        label = next(label for label, own in supports.items() if getattr(own, key) == points)
+        factor = 1 + stiffness / float(model.values(theta)[label]["stiffness"])
+        factors = dict.fromkeys(candidate.searched, 1.0)
+        begin = theta.clone()
+        if f"factor_{at + 1}" in factors:
+            factors[f"factor_{at + 1}"] = factor
+        else:
+            # The first is what the others are relative to.
+            factors = dict.fromkeys(factors, 1 / factor)
+            begin[model.names.index(f"{label}.stiffness")] *= factor
+        start = {
+            key: min(max(one, candidate.searched[key].low), candidate.searched[key].high)
+            for key, one in factors.items()
+        }
+        return replace(candidate, far=(Trial(start, *BELIEVED),)), begin
+    return None
 
 
 @dataclass(frozen=True)

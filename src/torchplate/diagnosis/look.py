@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.candidate import Candidate, Channels, candidates, supports_at
+from torchplate.diagnosis.candidate import Candidate, Channels, candidates, supports_at, tighter_at
 from torchplate.diagnosis.fit import Prior, Problem, fit, widely
 from torchplate.diagnosis.localise import UNIT, missing_force
 from torchplate.diagnosis.naming import Hypothesis, is_noise
@@ -189,7 +189,7 @@ class Look:
         return [(promise, starts) for _, promise, starts in kept]
 
     def as_supports(self, state: State, found: Hypothesis) -> list[Hypothesis]:
-        """What is grounded at a place may be a further support: spring and dashpot at once, at a node.
+        """What is grounded at a place may be a further support, spring and dashpot at once, or a tighter one.
 
         Args:
             state: without it.
@@ -202,6 +202,14 @@ class Look:
             label = new_label(state.model, candidate.name)
             whole = with_candidate(state.model, label, candidate)
             start = start_of(whole, state.fit.theta, state.model, candidate.far[0].values, label)
+            refitted.append(self._refit(state.model, candidate, label, start[None]))
+        beside = torch.tensor([values[name] for name in state.model.names]).to(state.fit.theta)
+        tighter = tighter_at(state.model, beside, self.channels, at["x"], at["y"], at["stiffness"])
+        if tighter is not None and at["stiffness"] > 0:
+            candidate, begin = tighter
+            label = new_label(state.model, candidate.name)
+            whole = with_candidate(state.model, label, candidate)
+            start = start_of(whole, begin, state.model, candidate.far[0].values, label)
             refitted.append(self._refit(state.model, candidate, label, start[None]))
         return refitted
 
