@@ -212,3 +212,22 @@ def test_a_spring_where_a_support_is_is_that_support_tighter(searched, node, x, 
 
 def test_a_spring_beside_the_supports_is_none_of_them():
     assert tighter_at(plate(), torch.zeros(0, dtype=torch.float64), CHANNELS, 0.4, 0.5, 700.0) is None
+
+
+def test_a_support_that_is_not_searched_keeps_all_its_factors_beside_one_that_is():
+    further = CATALOGUE["support_spring"](at=((0.4, 0.5),))
+    model = plate()
+    effects = {**model.effects, "further": further}
+    searched = {"further.stiffness": Searched(100.0, 900.0)}
+    numbers = KNOWN | {"further.viscous_damping": 0.1}
+    beside = PlateModel(model.mesh, effects, numbers, searched, list(CHANNELS.response), list(CHANNELS.reference))
+    theta = torch.tensor([300.0], dtype=torch.float64)
+    (own,) = [one for one in candidates(beside, theta, CHANNELS) if one.options.get("nodes") == [2, 10, 19]]
+    assert own.searched.keys() == {"factor_1", "factor_2", "factor_3"}
+    candidate, _ = tighter_at(beside, theta, CHANNELS, 0.25, 0.0, 700.0)
+    assert candidate.far[0].values["factor_1"] == pytest.approx(1 + 700.0 / 1500.0)
+
+
+def test_a_support_without_a_spring_is_not_tighter():
+    loose = plate({"wires.stiffness": Searched(0.0, 9000.0)})
+    assert tighter_at(loose, torch.zeros(1, dtype=torch.float64), CHANNELS, 0.25, 0.0, 700.0) is None

@@ -1,6 +1,7 @@
 """The name goes to the least cost, and what is as good stands beside it."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -208,3 +209,23 @@ def test_few_numbers_bear_few_parameters():
     # Of many numbers each costs two.
     many = {"n_fitted": 100_000, "heldout": 0, "believed": False}
     assert hypothesis("point_mass", 30.0, 3, n_parameter_before=5, **many).price == pytest.approx(6.0, rel=1e-2)
+
+
+def test_where_the_model_is_doubted_the_gap_decides_among_those_that_are_as_good():
+    few = {"n_fitted": 40, "heldout": 0, "believed": False}
+    better, nearer = hypothesis("density", 100.0, gap=0.5, **few), hypothesis("thickness", 110.0, gap=0.2, **few)
+    far = hypothesis("time_delay", 400.0, gap=0.1, **few)
+    assert choose([better, nearer, far]).best is nearer
+    believed = [replace(one, fit=one.fit._replace(believed=True)) for one in (better, nearer)]
+    assert choose(believed).best is believed[0]
+
+
+def test_what_is_known_beforehand_and_which_edge_is_held_cost_nothing():
+    few = {"n_fitted": 13, "heldout": 0, "believed": False}
+    free = hypothesis("density", 30.0, 1, n_parameter_before=5, **few)
+    known = replace(free, fit=free.fit._replace(n_told=5))
+    assert known.price == pytest.approx(hypothesis("density", 30.0, 1, **few).price)
+    assert known.price < free.price
+    chosen = hypothesis("channel_polarity", 30.0, 0)
+    held = replace(chosen, candidate=replace(chosen.candidate, replaces="held edge x0"))
+    assert (chosen.price, held.price) == (8.0, 0.0)

@@ -111,7 +111,7 @@ def candidates(
                 for key, parameter in effect.parameters.items()
                 if parameter.prior is not None and not _already_searched(model, effect, key)
             }
-            relative = name == "support_asymmetry" and _searched_stiffness(model)
+            relative = name == "support_asymmetry" and f"{_support_of(model, chosen)}.stiffness" in model.names
             if relative:
                 # All factors and the common stiffness would be one too many.
                 free.pop("factor_1", None)
@@ -185,14 +185,16 @@ def tighter_at(
     for candidate in candidates(model, theta, channels):
         if candidate.name != "support_asymmetry":
             continue
-        ((key, points),) = candidate.options.items()
+        (points,) = candidate.options.values()
         away = (model.mesh.places(list(points)) - torch.tensor([x, y], dtype=torch.float64)).norm(dim=-1)
         at = int(away.argmin())
         if float(away[at]) > NEAR_NODE:
             continue
-        supports = {label: own for label, own in model.effects.items() if own.name == "support_spring"}
-        label = next(label for label, own in supports.items() if getattr(own, key) == points)
-        factor = 1 + stiffness / float(model.values(theta)[label]["stiffness"])
+        label = _support_of(model, candidate.options)
+        present = float(model.values(theta)[label]["stiffness"])
+        if present <= 0:
+            continue
+        factor = 1 + stiffness / present
         factors = dict.fromkeys(candidate.searched, 1.0)
         begin = theta.clone()
         if f"factor_{at + 1}" in factors:
@@ -278,11 +280,11 @@ def _already_searched(model: PlateModel, effect: Effect, key: str) -> bool:
     )
 
 
-def _searched_stiffness(model: PlateModel) -> bool:
-    return any(
-        effect.name == "support_spring" and f"{label}.stiffness" in model.names
-        for label, effect in model.effects.items()
-    )
+def _support_of(model: PlateModel, chosen: Mapping[str, Any]) -> str:
+    """Label of the support_spring at the places of a support_asymmetry."""
+    ((key, points),) = chosen.items()
+    supports = {label: own for label, own in model.effects.items() if own.name == "support_spring"}
+    return next(label for label, own in supports.items() if getattr(own, key) == points)
 
 
 def _neutral(name: str, parameter: Parameter, plan: Plan) -> float | None:

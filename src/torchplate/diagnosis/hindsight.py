@@ -35,20 +35,20 @@ class Hindsight:
         """The names that are left where each is judged beside the others, if there are several."""
         if len(state.named) < 2:
             return state
-        found = self.beside_the_others(state, state.named[:-1])
+        found = self.beside_the_others(state, len(state.named) - 1)
         found = self.without_needless(found, self.bench, found.named)
         if [one.hypothesis.name for one in found.named] != [one.hypothesis.name for one in state.named]:
             # The others are not those that they were.
-            found = self.beside_the_others(found, found.named)
+            found = self.beside_the_others(found, len(found.named))
         return found
 
-    def beside_the_others(self, state: State, doubted: Sequence[Naming]) -> State:
-        """Effects beside what came near them when they were named, now that the others are in the model.
+    def beside_the_others(self, state: State, n_first: int) -> State:
+        """The first effects beside what came near them when they were named, now that the others are in the model.
 
         What was missing then may have spoken for it: a wire with a dashpot for a spring, where a window was missing.
         """
-        for naming in doubted:
-            state = self._one_judged_again(state, state.named.index(naming))
+        for index in range(n_first):
+            state = self._one_judged_again(state, index)
         return state
 
     def _one_judged_again(self, state: State, index: int) -> State:
