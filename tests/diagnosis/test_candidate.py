@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from torchplate.diagnosis.candidate import Channels, candidates, supports_at, tighter_at, vector
+from torchplate.diagnosis.candidate import Channels, candidates, vector
 from torchplate.diagnosis.workbench import with_candidate
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.effects.parameter import Prior, nonnegative
@@ -170,50 +170,6 @@ def test_what_has_no_number_is_there_or_not():
             assert float((changed - plain).norm() / plain.norm()) > 0.1, one.options
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "options"),
-    [
-        (0.252, 0.331, [{"nodes": (7,)}]),
-        (0.27, 0.32, [{"nodes": (7,)}, {"at": ((0.27, 0.32),)}]),
-        (0.37, 0.5, [{"at": ((0.37, 0.5),)}]),
-    ],
-    ids=["at a node", "perhaps at a node", "between nodes"],
-)
-def test_a_further_support_is_at_a_node_where_one_is_near(x, y, options):
-    # Node 7 is at (1/4, 1/3).
-    model = plate()
-    found = supports_at(model, torch.zeros(0, dtype=torch.float64), x, y, 800.0, 0.0)
-    assert [one.options for one in found] == options
-    for one in found:
-        assert one.searched.keys() == {"stiffness", "viscous_damping"}
-        start = one.far[0].values
-        assert start["stiffness"] == pytest.approx(800.0)
-        assert start["viscous_damping"] > one.searched["viscous_damping"].low
-
-
-@pytest.mark.parametrize("searched", [{}, {"wires.stiffness": Searched(500.0, 9000.0)}], ids=["known", "searched"])
-@pytest.mark.parametrize(("node", "x", "y"), [(2, 0.25, 0.0), (19, 0.75, 1.0)])
-def test_a_spring_where_a_support_is_is_that_support_tighter(searched, node, x, y):
-    model = plate(searched)
-    theta = torch.tensor([1200.0] * len(searched), dtype=torch.float64)
-    known = {"spring.x": x, "spring.y": y, "spring.stiffness": 700.0}
-    effects = {**model.effects, "spring": CATALOGUE["ground_spring"]()}
-    numbers = {key: value for key, value in KNOWN.items() if key not in searched} | known
-    beside = PlateModel(model.mesh, effects, numbers, searched, list(CHANNELS.response), list(CHANNELS.reference))
-    candidate, begin = tighter_at(model, theta, CHANNELS, x + 1e-3, y, 700.0)
-    whole = with_candidate(model, "uneven", candidate)
-    values = dict(zip(model.names, begin.tolist(), strict=True))
-    values |= {f"uneven.{key}": one for key, one in candidate.far[0].values.items()}
-    at = torch.tensor([values[name] for name in whole.names], dtype=torch.float64)
-    assert torch.allclose(
-        whole.frf(at, LINES, kind="receptance"), beside.frf(theta, LINES, kind="receptance"), rtol=1e-6
-    )
-
-
-def test_a_spring_beside_the_supports_is_none_of_them():
-    assert tighter_at(plate(), torch.zeros(0, dtype=torch.float64), CHANNELS, 0.4, 0.5, 700.0) is None
-
-
 def test_a_support_that_is_not_searched_keeps_all_its_factors_beside_one_that_is():
     further = CATALOGUE["support_spring"](at=((0.4, 0.5),))
     model = plate()
@@ -224,10 +180,3 @@ def test_a_support_that_is_not_searched_keeps_all_its_factors_beside_one_that_is
     theta = torch.tensor([300.0], dtype=torch.float64)
     (own,) = [one for one in candidates(beside, theta, CHANNELS) if one.options.get("nodes") == [2, 10, 19]]
     assert own.searched.keys() == {"factor_1", "factor_2", "factor_3"}
-    candidate, _ = tighter_at(beside, theta, CHANNELS, 0.25, 0.0, 700.0)
-    assert candidate.far[0].values["factor_1"] == pytest.approx(1 + 700.0 / 1500.0)
-
-
-def test_a_support_without_a_spring_is_not_tighter():
-    loose = plate({"wires.stiffness": Searched(0.0, 9000.0)})
-    assert tighter_at(loose, torch.zeros(1, dtype=torch.float64), CHANNELS, 0.25, 0.0, 700.0) is None

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,13 +13,15 @@ from torchplate.diagnosis.fit import Fit
 from torchplate.diagnosis.naming import (
     EQUIVALENT,
     EQUIVALENT_PART,
+    LEAST_FALL,
     Hypothesis,
     choose,
     confidence,
     confidence_in_the_end,
+    is_explained,
     is_needed,
 )
-from torchplate.diagnosis.target import Misfit
+from torchplate.diagnosis.target import FrfTarget, Misfit
 from torchplate.effects import CATALOGUE
 from torchplate.model import Searched
 
@@ -229,3 +232,42 @@ def test_what_is_known_beforehand_and_which_edge_is_held_cost_nothing():
     chosen = hypothesis("channel_polarity", 30.0, 0)
     held = replace(chosen, candidate=replace(chosen.candidate, replaces="held edge x0"))
     assert (chosen.price, held.price) == (8.0, 0.0)
+
+
+def test_a_coincidence_costs():
+    spring = hypothesis("ground_spring", 2000.0, 3)
+    assert replace(spring, surprise=12.0).cost == spring.cost + 12.0
+
+
+def test_what_chance_takes_is_no_effect():
+    before = fitted(2000.0 + 100.0, gap=0.12)
+    after = hypothesis("ground_spring", 2000.0 - 3 * 8.0, 3, gap=0.1)
+    assert before.cost - after.cost == pytest.approx(100.0)
+    assert LEAST_FALL < 99
+    assert is_needed(before, after)
+    assert is_needed(before, after, by_chance=99.0)
+    assert not is_needed(before, after, by_chance=101.0)
+
+
+def frfs(floor: float) -> FrfTarget:
+    """FRFs of which the floor alone is asked."""
+    target = object.__new__(FrfTarget)
+    target.noise = SimpleNamespace(floor=floor)  # type: ignore[assignment]
+    return target
+
+
+@pytest.mark.parametrize(
+    ("part", "gap", "named", "explained"),
+    [
+        (1.0, 0.5, False, True),
+        (1.0, 0.5, True, True),
+        # Deep valleys may say that something is missing, where the gap is at the floor.
+        (1.5, 0.0105, True, True),
+        (1.5, 0.0105, False, False),
+        (1.5, 0.0115, True, False),
+        (3.5, 0.0105, True, False),
+    ],
+)
+def test_nothing_is_missing_where_noise_is_all_that_is_left(part, gap, named, explained):
+    last = fitted(part * (N_FITTED + N_HELDOUT), gap=gap)
+    assert is_explained(last, frfs(0.01), named) == explained

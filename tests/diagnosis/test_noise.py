@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from torchplate.diagnosis.noise import noise_level
+from torchplate.diagnosis.noise import _Fit, noise_level
 from torchplate.effects import CATALOGUE
 
 HIDDEN = {
@@ -169,3 +169,15 @@ def test_one_average_is_refused(lab):
     frf = torch.ones(30, 1, 1, dtype=torch.complex128)
     with pytest.raises(ValueError, match="n_average of 2 or more, got 1"):
         noise_level(lab.measured(torch.linspace(1.0, 30.0, 30, dtype=torch.float64), frf, [3], [5]), 1)
+
+
+def test_a_pole_is_never_added_twice(lab):
+    # Two poles at one place are one: a basis that has both is singular, and its slope without bound.
+    frf = lab.plate().frf(lab.nobody, lab.lines(1.0), lab.nodes[:1], lab.nodes[1:9])
+    fit = _Fit(lab.lines(1.0), frf[:, 0] / frf.abs().mean())
+    fit.weigh()
+    line = torch.tensor([0])
+    assert [fit.add(line) for _ in range(4)] == [True, True, True, False]
+    assert len({complex(pole) for pole in fit.pole}) == 3
+    fit.settle(3)
+    assert float(fit.slope.max()) < 1e6

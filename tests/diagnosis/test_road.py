@@ -10,6 +10,9 @@ import pytest
 import torch
 
 import torchplate as tp
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.road import Road
+from torchplate.diagnosis.state import State
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.measurement import NaturalFrequencies
 from torchplate.model import PlateModel, Searched, extrapolate
@@ -277,3 +280,25 @@ def test_a_tolerance_of_a_number_that_is_not_there_is_said(lab):
     measured = lab.measured(LINES, torch.ones(len(LINES), 2, 3, dtype=torch.complex128), RESPONSE, REFERENCE)
     with pytest.raises(ValueError, match=r"'plate\.densty'"):
         tp.diagnose(plate(YOUNG), measured, tolerance={"plate.densty": 1.0})
+
+
+@torch.no_grad()
+def test_a_baseline_that_stopped_too_soon_is_taken_up_from_where_an_effect_led(lab):
+    scene = lab.Scene(hidden={"gain": 1.0})
+    target = scene.bench.target
+    said: list[str] = []
+    road = Road(scene.bench.given, target, {}, said.append)
+    model = road.bench.given
+    middle = torch.full((1, 2), 0.5, dtype=torch.float64)
+    end = fit(road.bench, model, middle, wide=True)
+    theta = torch.tensor([2.15e11, 1e-2], dtype=torch.float64)
+    off = road.bench.predict(end.reduced, theta)
+    stuck = end._replace(theta=theta, prediction=off, misfit=target.misfit(off), gap=target.whole_gap(off))
+    assert stuck.reduced_misfit > 20 * end.reduced_misfit
+    # An effect let the plate's own parameters go where they belong: without it they do as well.
+    lower = road._lower(State(model, stuck), State(model, end))
+    assert lower is road.begun
+    assert lower.fit.cost == pytest.approx(end.cost, rel=1e-3)
+    assert any("without it" in one for one in said)
+    # Where it had come to its end, nothing is taken up.
+    assert road._lower(State(model, end), State(model, end)) is None

@@ -8,7 +8,8 @@
 - `workbench`: one mesh for all models, its error taken off, and bases that are right where they are used.
 - `rebuilding`: the same plate with other effects or other numbers.
 - `candidate`: every effect of the catalogue that may be missing, with its options, places and sizes.
-- `screen`: the score test over all of them; `fit`: the refit of one.
+- `supports`: what is grounded at a place, taken for a support.
+- `screen`: the score test over all of them; `null`: what chance alone would give in it; `fit`: the refit of one.
 - `naming`: the best, its equivalents, how sure that is; `hindsight`: what earlier names are once later ones are known.
 - `localise`: where the misfit sits: in frequency, in the channels, on the plate, and of which kind it is.
 - `assurance`: FRAC, CSAC, CSF and FDAC of what was measured with a model.

@@ -7,7 +7,7 @@ of their options. A new effect is a candidate as soon as it is in the catalogue.
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import torch
@@ -39,9 +39,8 @@ SIZES = (0.15, 0.35)
 # Members tried of a candidate with several parameters: of all values together, of those half way to the ends; and
 # choices of channels.
 MOST_MEMBERS, MOST_CORNERS, MOST_CHOICES = 60, 81, 400
-# A place found is taken for a node's if it is this near to it, relative to the plate, and may be it if it is this near;
-# a place given is a node's if it is this near.
-NEAR_NODE, PERHAPS_NODE, ON_NODE = 0.012, 0.04, 1e-4
+# A place given is a node's if it is this near, relative to the plate.
+ON_NODE = 1e-4
 # Effects that are no candidates: the plate itself, and what is settled before anything is named.
 NEVER = frozenset({"plate", "support_spring", "mesh_discretisation"})
 
@@ -111,7 +110,7 @@ def candidates(
                 for key, parameter in effect.parameters.items()
                 if parameter.prior is not None and not _already_searched(model, effect, key)
             }
-            relative = name == "support_asymmetry" and f"{_support_of(model, chosen)}.stiffness" in model.names
+            relative = name == "support_asymmetry" and f"{support_of(model, chosen)}.stiffness" in model.names
             if relative:
                 # All factors and the common stiffness would be one too many.
                 free.pop("factor_1", None)
@@ -135,80 +134,6 @@ def candidates(
             replaces = "" if rigid is None else rigid.label
             found.append(Candidate(effect, chosen, searched, neutral, tuple(far), tuple(near), replaces))
     return found
-
-
-def supports_at(
-    model: PlateModel, theta: Tensor, x: float, y: float, stiffness: float, viscous: float
-) -> list[Candidate]:
-    """A further support at a place where a spring or dashpot was found, or at the labelled node that is near.
-
-    Args:
-        model: as it is.
-        theta: its searched parameters.
-        x: place, relative.
-        y: likewise.
-        stiffness: to begin with [N/m].
-        viscous: likewise [N s/m].
-    """
-    n_x, n_y = model.mesh.n_x, model.mesh.n_y
-    column, row = round(x * n_x), round(y * n_y)
-    away = math.hypot(x - column / n_x, y - row / n_y)
-    chosen: list[dict[str, Any]] = [{"nodes": (row * (n_x + 1) + column + 1,)}] if away < PERHAPS_NODE else []
-    chosen += [{"at": ((x, y),)}] if away >= NEAR_NODE else []
-    kind = CATALOGUE["support_spring"]
-    plan = model.plan(theta)
-    wanted, start = {}, {}
-    for name, value in (("stiffness", stiffness), ("viscous_damping", viscous)):
-        interval = kind.parameters[name].prior_interval(plan.section, plan.geometry)
-        wanted[name] = Searched(interval.low, interval.high, True)
-        start[name] = min(max(value, 1.01 * interval.low), 0.99 * interval.high)
-    return [Candidate(kind(**options), options, wanted, {}, (Trial(start, *BELIEVED),)) for options in chosen]
-
-
-def tighter_at(
-    model: PlateModel, theta: Tensor, channels: "Channels", x: float, y: float, stiffness: float
-) -> tuple[Candidate, Tensor] | None:
-    """The one of the supports that is where a spring was found, tighter by that spring: the same physics.
-
-    Args:
-        model: without the spring.
-        theta: its searched parameters, beside the spring.
-        channels: what was measured.
-        x: place of the spring, relative.
-        y: likewise.
-        stiffness: of the spring [N/m].
-
-    Returns:
-        The candidate, with factors to begin with, and the searched parameters that go with them; None where no support
-        is there.
-    """
-    for candidate in candidates(model, theta, channels):
-        if candidate.name != "support_asymmetry":
-            continue
-        (points,) = candidate.options.values()
-        away = (model.mesh.places(list(points)) - torch.tensor([x, y], dtype=torch.float64)).norm(dim=-1)
-        at = int(away.argmin())
-        if float(away[at]) > NEAR_NODE:
-            continue
-        label = _support_of(model, candidate.options)
-        present = float(model.values(theta)[label]["stiffness"])
-        if present <= 0:
-            continue
-        factor = 1 + stiffness / present
-        factors = dict.fromkeys(candidate.searched, 1.0)
-        begin = theta.clone()
-        if f"factor_{at + 1}" in factors:
-            factors[f"factor_{at + 1}"] = factor
-        else:
-            # The first is what the others are relative to.
-            factors = dict.fromkeys(factors, 1 / factor)
-            begin[model.names.index(f"{label}.stiffness")] *= factor
-        start = {
-            key: min(max(one, candidate.searched[key].low), candidate.searched[key].high)
-            for key, one in factors.items()
-        }
-        return replace(candidate, far=(Trial(start, *BELIEVED),)), begin
-    return None
 
 
 @dataclass(frozen=True)
@@ -280,7 +205,7 @@ def _already_searched(model: PlateModel, effect: Effect, key: str) -> bool:
     )
 
 
-def _support_of(model: PlateModel, chosen: Mapping[str, Any]) -> str:
+def support_of(model: PlateModel, chosen: Mapping[str, Any]) -> str:
     """Label of the support_spring at the places of a support_asymmetry."""
     ((key, points),) = chosen.items()
     supports = {label: own for label, own in model.effects.items() if own.name == "support_spring"}

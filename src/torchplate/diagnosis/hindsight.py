@@ -59,9 +59,11 @@ class Hindsight:
         every = [here, *(self._in_place_of(state, naming, one) for one in near[:N_RIVAL])]
         choice = choose(every)
         if choice.best.name in GROUNDED:
-            supports = self.look.as_supports(self._without(state, naming), choice.best)
+            best = choice.best
+            priced, supports = self.look.as_supports(self._without(state, naming), best)
+            here = priced if best is here else here
             near += supports
-            every += supports
+            every = [*(priced if one is best else one for one in every), *supports]
             choice = choose(every)
         if choice.best is here or here.name in choice.equivalent:
             choice = choose(every, here)
@@ -110,7 +112,7 @@ class Hindsight:
             kept = [state.model.names.index(name) for name in model.names]
             found: Fit = fit(bench, model, model.space.to_cube(state.fit.theta[kept])[None], self.prior, wide=False)
             back = replace(naming.hypothesis, fit=state.fit)
-            if not is_needed(found, back):
+            if not is_needed(found, back, naming.by_chance):
                 self.say(f"{naming.hypothesis.name} is no longer needed")
                 rest = tuple(one for one in state.named if one is not naming)
                 still = [one for one in doubted if one is not naming]

@@ -2,17 +2,20 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.candidate import Candidate, Channels, candidates, supports_at, tighter_at
+from torchplate.diagnosis.candidate import Candidate, Channels, candidates
 from torchplate.diagnosis.fit import Prior, Problem, fit, widely
 from torchplate.diagnosis.localise import UNIT, missing_force
 from torchplate.diagnosis.naming import Hypothesis, is_noise
+from torchplate.diagnosis.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.screen import Scored, new_label, screen, start_of, twins
 from torchplate.diagnosis.state import Looked, State
+from torchplate.diagnosis.supports import supports_at, tighter_at
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.workbench import Workbench, with_candidate
 from torchplate.model import PlateModel
@@ -26,6 +29,8 @@ FAINT, DECIDED = 0.05, 0.5
 SECOND = 0.6
 # Below this gap peaks of model and measurement overlap; below this mean square wide levels would show but noise.
 OVERLAPPING, NEARLY_RIGHT = 0.5, 2.5
+# Mean square up to which what is left is held against what chance would leave.
+PERHAPS_CHANCE = 12.0
 # An effect of the whole plate whose prior spans more than this factor is looked for all over its prior and the box
 # together, where the model is doubted: so many members, and so many of them that go down.
 WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
@@ -58,9 +63,13 @@ class Look:
         base = bench.reduced(state.fit.model, state.fit.theta[None], by_element=True)
         everyone = candidates(base, state.fit.theta, self.channels)
         self.say(f"scoring {len(everyone)} candidates")
-        misfit, chosen, promises = state.fit.reduced_misfit, [], []
+        misfit, chosen, promises, by_chance = state.fit.reduced_misfit, [], [], 0.0
         if bench.target.levels == 1 or float(bench.target.gap(state.fit.prediction)) < OVERLAPPING:
-            promises = screen(bench, base, state.fit.theta, everyone, self.prior, near=True)
+            draws = self._by_chance(state)
+            promises = screen(bench, base, state.fit.theta, everyone, self.prior, near=True, draws=draws)
+            if draws is not None:
+                by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
+                self.say(f"  chance alone would let the best of them take {by_chance:.3g} from the sum of squares")
             # Where nothing but noise is left, a look at the best two is a check.
             wanted = 2 if is_noise(state.fit) else N_SHARP
             chosen = [(promise, promise.starts) for promise in _promising(promises, wanted)]
@@ -84,8 +93,18 @@ class Look:
             starts = torch.cat(several)
             hypotheses.append(self._refit(state.model, one.candidate, one.label, starts, HOPELESS * least))
         hypotheses = self._run_off(state, _best_of_each(hypotheses + self._again(state)))
-        hypotheses += [more for one in hypotheses if one.name in GROUNDED for more in self.as_supports(state, one)]
-        return Looked(tuple(promises), tuple(_best_of_each(hypotheses)))
+        ended: list[Hypothesis] = []
+        for found in hypotheses:
+            priced, supports = self.as_supports(state, found) if found.name in GROUNDED else (found, [])
+            ended += [priced, *supports]
+        return Looked(tuple(promises), tuple(_best_of_each(ended)), by_chance)
+
+    def _by_chance(self, state: State) -> Tensor | None:
+        """Residuals that chance alone makes, where what is left is not far above it; None elsewhere."""
+        target = self.bench.target
+        if not isinstance(target, FrfTarget) or not state.fit.believed or state.fit.reduced_misfit > PERHAPS_CHANCE:
+            return None
+        return drawn(target, state.fit.prediction, state.fit.n_told)
 
     def _again(self, state: State) -> list[Hypothesis]:
         """What came near in the look before beside what was named there, from where it ended."""
@@ -188,8 +207,10 @@ class Look:
         kept = [one for rank, one in enumerate(ends[:N_SHARP]) if rank < 2 or one[0] <= NEAR**2 * ends[0][0]]
         return [(promise, starts) for _, promise, starts in kept]
 
-    def as_supports(self, state: State, found: Hypothesis) -> list[Hypothesis]:
-        """What is grounded at a place may be a further support, spring and dashpot at once, or a tighter one.
+    def as_supports(self, state: State, found: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
+        """What is grounded at a place, with the price of ending at a support; and the supports that it may be.
+
+        Where no support is, that is a further one, spring and dashpot at once; else the one that is there, tighter.
 
         Args:
             state: without it.
@@ -197,21 +218,17 @@ class Look:
         """
         values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
         at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", "stiffness", "viscous_damping")}
+        theta = torch.tensor([values[name] for name in state.model.names]).to(state.fit.theta)
+        tighter = tighter_at(state.model, theta, at["x"], at["y"], at["stiffness"])
+        if tighter is not None:
+            found = replace(found, surprise=tighter.surprise)
         refitted = []
-        for candidate in supports_at(state.model, state.fit.theta, *at.values()):
+        for candidate in [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values()):
             label = new_label(state.model, candidate.name)
             whole = with_candidate(state.model, label, candidate)
-            start = start_of(whole, state.fit.theta, state.model, candidate.far[0].values, label)
+            start = start_of(whole, theta, state.model, candidate.far[0].values, label)
             refitted.append(self._refit(state.model, candidate, label, start[None]))
-        beside = torch.tensor([values[name] for name in state.model.names]).to(state.fit.theta)
-        tighter = tighter_at(state.model, beside, self.channels, at["x"], at["y"], at["stiffness"])
-        if tighter is not None and at["stiffness"] > 0:
-            candidate, begin = tighter
-            label = new_label(state.model, candidate.name)
-            whole = with_candidate(state.model, label, candidate)
-            start = start_of(whole, begin, state.model, candidate.far[0].values, label)
-            refitted.append(self._refit(state.model, candidate, label, start[None]))
-        return refitted
+        return found, refitted
 
     def _refit(
         self, model: PlateModel, candidate: Candidate, label: str, starts: Tensor, hopeless: float = math.inf

@@ -18,8 +18,9 @@ from torchplate.diagnosis.target import FrfTarget, Target
 PRICE = 8.0
 # Hypotheses closer than this to the best, or than this part of all that speaks against it, cannot be told from it: the
 # variance of the noise and of the mesh error is not known any better.
-EQUIVALENT, EQUIVALENT_PART = 14.0, 1.5e-3
-# An effect is taken where it takes this part of all that speaks against the model, and at least so much.
+EQUIVALENT, EQUIVALENT_PART = 14.0, 4e-3
+# An effect is taken where it takes more than chance does; where so much is left that this was not asked, this part of
+# all that speaks against the model; and at least so much.
 LEAST_PART, LEAST_FALL = 0.04, 60.0
 # The same where the model is doubted: independent numbers are few then; or it makes the gap so much smaller.
 LEAST_FALL_IN_DOUBT, HALVED = 8.0, 0.5
@@ -31,10 +32,9 @@ SMALLEST_STEP = 0.005
 # Held-out residuals may rise by this part of the whole fall; or by more, where the gap falls to this part of itself.
 HELD, LARGE_STEP = 0.05, 0.75
 # Mean square up to which nothing but noise is left.
-NOISE_ONLY = 1.15
-# A mean square that is little; and a gap in noise floors that is at the floor, where nothing was named and where
-# something was.
-LITTLE, AT_FLOOR = 3.0, (1.1, 1.2)
+NOISE_ONLY = 1.08
+# A mean square that is little; and a gap in noise floors that is at the floor, where something was named.
+LITTLE, AT_FLOOR = 3.0, 1.1
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,13 @@ class Hypothesis:
         candidate: the effect.
         label: in the model.
         fit: of the model.
+        surprise: what it costs that it ended where something of the model's own is already.
     """
 
     candidate: Candidate
     label: str
     fit: Fit
+    surprise: float = 0.0
 
     @property
     def name(self) -> str:
@@ -74,7 +76,7 @@ class Hypothesis:
     @property
     def cost(self) -> float:
         """What speaks against it."""
-        return self.fit.cost + self.price
+        return self.fit.cost + self.price + self.surprise
 
 
 @dataclass(frozen=True)
@@ -142,9 +144,15 @@ def is_noise(fit: Fit) -> bool:
 
 
 def is_explained(fit: Fit, target: Target, named: bool) -> bool:
-    """Whether nothing but noise is left, or the gap is at the floor: lines far below the others may say otherwise."""
-    little = fit.reduced_misfit < LITTLE or not fit.believed
-    return is_noise(fit) or (isinstance(target, FrfTarget) and little and fit.gap <= AT_FLOOR[named] * target.floor)
+    """Whether nothing but noise is left.
+
+    Where something was named, or the model is doubted, the gap may be at the floor instead: lines far below the others
+    may say otherwise.
+    """
+    if is_noise(fit) or not isinstance(target, FrfTarget):
+        return is_noise(fit)
+    little = named and fit.reduced_misfit < LITTLE
+    return (little or not fit.believed) and fit.gap <= AT_FLOOR * target.floor
 
 
 def confidence_in_the_end(choice: Choice, last: Fit, more_followed: bool) -> float:
@@ -175,8 +183,15 @@ def confidence(margin: float, misfit: float) -> float:
     return 0.98 * certain * min(1.0, (NOISE_ONLY / max(misfit, 1e-9)) ** 0.25)
 
 
-def is_needed(before: Fit, after: Hypothesis) -> bool:
-    """Whether an effect takes enough from what speaks against the model, on held-out FRFs too."""
+def is_needed(before: Fit, after: Hypothesis, by_chance: float = 0.0) -> bool:
+    """Whether an effect takes enough from what speaks against the model, on held-out FRFs too.
+
+    Args:
+        before: the fit without it.
+        after: with it.
+        by_chance: what the best of the catalogue takes once in a hundred times where nothing is missing; 0 if not
+            known.
+    """
     if not after.fit.believed:
         fall = before.cost - after.cost
         halved = fall > 0 and after.fit.gap <= HALVED * before.gap
@@ -187,4 +202,5 @@ def is_needed(before: Fit, after: Hypothesis) -> bool:
     held = float(after.fit.misfit.heldout) - float(before.misfit.heldout) < HELD * fall
     held = held or after.fit.gap <= LARGE_STEP * before.gap
     nearer = before.reduced_misfit > LITTLE or after.fit.gap < (1 - SMALLEST_STEP) * before.gap
-    return held and nearer and fall / unit > LEAST_FALL and fall > LEAST_PART * before.cost
+    least = max(LEAST_FALL, by_chance if by_chance > 0 else LEAST_PART * before.cost / unit)
+    return held and nearer and fall / unit > least

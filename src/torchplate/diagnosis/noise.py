@@ -49,6 +49,9 @@ N_SCORE: Final = 12
 EXCESS: Final = 0.3
 # A line of which the fit leaves less than this says nothing of the noise.
 LEFT: Final = 0.02
+# Where a new pole goes, in line spacings from its line; and the part of its width within which one is there already.
+BESIDE: Final = (0.0, 0.4, -0.4)
+ALIKE: Final = 0.01
 # A coherence-based noise is not believed if it is below the scatter over the lines by more than this factor.
 DISAGREEMENT: Final = 2.0
 
@@ -190,10 +193,8 @@ class _Fit:
         for _ in range(N_ROUND):
             fit.settle(N_STEP)
             fit.estimate()
-            lines = fit.outstanding()
-            if not len(lines):
+            if not fit.add(fit.outstanding()):
                 break
-            fit.add(lines)
         fit.settle(N_STEP)
         fit.estimate()
         fit.weigh()
@@ -245,11 +246,22 @@ class _Fit:
     def _room(self) -> int:
         return max(0, (len(self.frequency) - N_SMOOTH) // 6 - len(self.pole))
 
-    def add(self, lines: Tensor) -> None:
-        """A pole at each of these lines, narrower than the line spacing."""
-        place = self.frequency[lines]
-        new = torch.complex(place.square(), place.clamp(min=self.step) * self.step)
-        self.pole = torch.cat([self.pole, new])
+    def add(self, lines: Tensor) -> bool:
+        """A pole at each of these lines, narrower than the line spacing, or beside one that is there already.
+
+        Returns:
+            Whether there was room for any.
+        """
+        added = False
+        for line in lines.tolist():
+            for beside in BESIDE:
+                place = (self.frequency[line] + beside * self.step).clamp(min=0.5 * self.step)
+                new = torch.complex(place.square(), place.clamp(min=self.step) * self.step)[None]
+                # Two poles at one place are one, and a basis that has both is singular.
+                if bool(((self.pole - new).abs() > ALIKE * new.imag).all()):
+                    self.pole, added = torch.cat([self.pole, new]), True
+                    break
+        return added
 
     def basis(self, pole: Tensor) -> _Basis:
         """The weighted columns 1 / (q − f²) and polynomials, orthonormal, and their derivatives by q."""

@@ -18,7 +18,7 @@ from torchplate.diagnosis.hindsight import Hindsight
 from torchplate.diagnosis.holdout import exchanged, held_out
 from torchplate.diagnosis.ledger import Diagnosis
 from torchplate.diagnosis.look import Look
-from torchplate.diagnosis.naming import Choice, Hypothesis, choose, is_explained, is_needed, is_noise
+from torchplate.diagnosis.naming import LEAST_PART, Choice, Hypothesis, choose, is_explained, is_needed, is_noise
 from torchplate.diagnosis.noise import Noise, noise_level
 from torchplate.diagnosis.state import Looked, Naming, State, Travelled
 from torchplate.diagnosis.summary import summarise
@@ -39,6 +39,8 @@ LARGE_PART, SEEN_PART = 0.5, 0.9
 # more where it has no number to be fitted; and beside the second best too, if no more than so many times as much speaks
 # against it.
 SMALLER_GAP, SMALLER_COST, SMALLER_COST_WITHOUT_NUMBER, BESIDE = 0.75, 0.5, 0.75, 6.0
+# A pair that leaves at most this part of what its first effect alone does is judged again before others are looked for.
+MUCH_LESS = 0.1
 # Mean square up to which the mesh may be what is left; and gaps, in noise floors, below which what closed them may have
 # been the mesh.
 PERHAPS_MESH, SMALL_GAP = 12.0, 3.0
@@ -93,10 +95,9 @@ def diagnose(
     state, looks = road.travel(baseline, most_effects)
     few = measurement is None or len(measurement.pairs) < FEW
     if few and state.fit.reduced_misfit > FAR_OFF:
-        baseline = road.doubting(baseline)
-        state, looks = road.travel(baseline, most_effects)
+        state, looks = road.travel(road.doubting(road.begun), most_effects)
     return summarise(
-        Travelled(road.bench, noise, given, baseline, state, tuple(looks), road.prior), time.monotonic() - began
+        Travelled(road.bench, noise, given, road.begun, state, tuple(looks), road.prior), time.monotonic() - began
     )
 
 
@@ -168,7 +169,8 @@ class Road:
         return found
 
     def travel(self, state: State, most_effects: int) -> tuple[State, list[Looked]]:
-        """Add effects as long as they are needed and there are some."""
+        """Add effects as long as they are needed and there are some; `begun` is what they were added to."""
+        self.begun = state
         looks: list[Looked] = []
         while len(state.named) < most_effects:
             look = self.look.at(state)
@@ -176,20 +178,34 @@ class Road:
             if not look.hypotheses:
                 break
             choice = choose(look.hypotheses)
-            if not is_needed(state.fit, choice.best):
+            if not is_needed(state.fit, choice.best, look.by_chance):
                 break
             single = self._added(state, choice, look)
+            if not state.named and (lower := self._lower(state, single)) is not None:
+                state, looks = lower, []
+                continue
             if (settled := self._explained(single)) is not None:
                 return settled, looks
             room = len(single.named) < most_effects
             # One alone does not do: the best pair need not begin with the best single one.
-            further = self._pairs(state, look, single, looks) if room else None
-            state = further or single
-            if further is not None and (settled := self._explained(further)) is not None:
+            further, settled = self._pairs(state, look, single, looks) if room else (None, None)
+            if settled is not None:
                 return settled, looks
+            state = further or single
             if further is None or not _explains_much(state):
                 break
         return self._ended(_worth_their_names(state)), looks
+
+    def _lower(self, state: State, single: State) -> State | None:
+        """The given model fitted from where it is beside the first effect, if it ends lower there than it did."""
+        values = dict(zip(single.model.names, single.fit.theta.tolist(), strict=True))
+        start = torch.tensor([[values[name] for name in state.model.names]]).to(state.fit.theta)
+        found = fit(self.bench, state.model, state.model.space.to_cube(start), self.prior, wide=False)
+        if not found.believed or found.cost > (1 - LEAST_PART) * state.fit.cost:
+            return None
+        self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")
+        self.begun = replace(state, fit=found)
+        return self.begun
 
     def _explained(self, state: State) -> State | None:
         """The state, settled, if nothing but noise is left of it; None where more is."""
@@ -233,21 +249,34 @@ class Road:
             self.bench.n_evaluation += bench.n_evaluation
         return settled
 
-    def _explains_some(self, before: Fit, hypothesis: Hypothesis) -> bool:
-        """Whether an effect explains so much that looking for another beside it is worth the time."""
+    def _explains_some(self, before: Fit, hypothesis: Hypothesis, by_cost: bool = False) -> bool:
+        """Whether an effect explains so much that looking for another beside it is worth the time.
+
+        Args:
+            before: the fit without it.
+            hypothesis: with it.
+            by_cost: a smaller gap alone is not enough, if the model is believed.
+        """
         after = hypothesis.fit
         gaps = [float(self.bench.target.gap(one.prediction)) for one in (before, after)]
         part = SMALLER_COST if hypothesis.candidate.searched else SMALLER_COST_WITHOUT_NUMBER
-        return gaps[1] <= SMALLER_GAP * gaps[0] or (after.believed and after.cost <= part * before.cost)
+        smaller = gaps[1] <= SMALLER_GAP * gaps[0] and not (by_cost and after.believed)
+        return smaller or (after.believed and after.cost <= part * before.cost)
 
-    def _pairs(self, state: State, look: Looked, single: State, looks: list[Looked]) -> State | None:
-        """The best with one effect more, from the few that explain so much that looking beside them is worth it."""
+    def _pairs(
+        self, state: State, look: Looked, single: State, looks: list[Looked]
+    ) -> tuple[State | None, State | None]:
+        """The best with one effect more, from the few that explain so much that looking beside them is worth it.
+
+        Returns:
+            It, if there is one; and the one that leaves nothing but noise, settled, if there is one.
+        """
         ranked = sorted(look.hypotheses, key=lambda one: one.cost)
         beam: list[State] = [single] if self._explains_some(state.fit, single.named[-1].hypothesis) else []
         for other in ranked[1:]:
             if len(beam) >= N_BEAM or other.fit.reduced_misfit > BESIDE * ranked[0].fit.reduced_misfit:
                 break
-            if is_needed(state.fit, other) and self._explains_some(state.fit, other):
+            if is_needed(state.fit, other, look.by_chance) and self._explains_some(state.fit, other, by_cost=True):
                 beam.append(self._added(state, choose(ranked, other), look))
         best: State | None = None
         for start in beam:
@@ -258,19 +287,22 @@ class Road:
             if not more.hypotheses:
                 continue
             choice = choose(more.hypotheses)
-            if not is_needed(start.fit, choice.best):
+            if not is_needed(start.fit, choice.best, more.by_chance):
                 continue
             found = self._added(start, choice, more)
+            if not is_noise(found.fit) and found.fit.believed and found.fit.cost <= MUCH_LESS * start.fit.cost:
+                # Two of a kind may have changed places, as two kinds of damping: that is cheaper to see than a look.
+                found = self.hindsight.judged_again(found)
             if best is None or found.fit.cost < best.fit.cost:
                 best = found
-            if is_noise(found.fit):
-                break
-        return best
+                if (settled := self._explained(found)) is not None:
+                    return best, settled
+        return best, None
 
     def _added(self, state: State, choice: Choice, look: Looked) -> State:
         hypothesis = choice.best
         model = with_candidate(state.model, hypothesis.label, hypothesis.candidate)
-        naming = Naming(hypothesis, choice, state.fit, look.hypotheses)
+        naming = Naming(hypothesis, choice, state.fit, look.hypotheses, by_chance=look.by_chance)
         return State(model, hypothesis.fit, (*state.named, naming), state, look)
 
 

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from torchplate.diagnosis.candidate import Candidate, distance, vector
 from torchplate.diagnosis.fit import Prior, Problem
+from torchplate.diagnosis.null import falls
 from torchplate.diagnosis.workbench import Workbench, with_candidate
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
@@ -42,6 +43,7 @@ class Scored(NamedTuple):
         values: of that member, after the best multiple of its change.
         starts: on the unit cube of `model`, the best first.
         signature: direction of its change, unit length.
+        by_chance: what it would take from the sum of squares of each draw in which nothing is missing.
     """
 
     candidate: Candidate
@@ -51,6 +53,7 @@ class Scored(NamedTuple):
     values: Mapping[str, float]
     starts: Float[Tensor, "n_start n"]
     signature: Float[Tensor, " n_residual"]
+    by_chance: Float[Tensor, " n_draw"]
 
 
 def screen(
@@ -60,6 +63,7 @@ def screen(
     everyone: Sequence[Candidate],
     prior: Prior,
     near: bool = False,
+    draws: Float[Tensor, "n_draw n_residual"] | None = None,
 ) -> list[Scored]:
     """Score all candidates, the most promising first.
 
@@ -71,6 +75,7 @@ def screen(
         prior: what is known of the baseline's parameters beforehand.
         near: whether the model is nearly right, so that peaks overlap: candidates are then scored at the sharp level,
             by small steps.
+        draws: residuals at the sharp level that chance makes, to be scored too.
     """
     level = bench.target.levels - 1 if near else min(LEVEL, bench.target.levels - 1)
     here = Problem(bench, base, prior)
@@ -115,9 +120,11 @@ def screen(
             [start_of(model, makes_room(alpha[index] * whole[index]), base, values[index], label) for index in chosen]
         )
         best, least = chosen[0], int(size.argmin()) if not candidate.has_place else chosen[0]
-        found.append(
-            Scored(candidate, label, model, float(drop[best]), values[best], starts, change[least] / size[least].sqrt())
-        )
+        signature = change[least] / size[least].sqrt()
+        by_chance = residual.new_zeros(0)
+        if draws is not None and candidate.searched:
+            by_chance = falls(change, draws, together=not candidate.has_place)
+        found.append(Scored(candidate, label, model, float(drop[best]), values[best], starts, signature, by_chance))
     return sorted(found, key=lambda one: -one.drop)
 
 

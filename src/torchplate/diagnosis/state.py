@@ -39,6 +39,7 @@ class Naming:
         before: the fit that it was added to.
         rivals: everything that was refitted then.
         again: the choice as it is once later effects are known; None where nothing was named after it.
+        by_chance: what chance lets the best of the catalogue take once in a hundred.
     """
 
     hypothesis: Hypothesis
@@ -46,6 +47,7 @@ class Naming:
     before: Fit
     rivals: tuple[Hypothesis, ...] = ()
     again: Choice | None = None
+    by_chance: float = 0.0
 
     @property
     def known(self) -> Choice:
@@ -78,7 +80,15 @@ class Travelled:
 
 @dataclass(frozen=True)
 class Looked:
-    """What one look over the catalogue gave."""
+    """What one look over the catalogue gave.
+
+    Attributes:
+        promises: the score test.
+        hypotheses: what was refitted.
+        by_chance: what chance alone lets the best of the catalogue take from the sum of squares once in a hundred; 0
+            where so much is left that it was not asked.
+    """
 
     promises: tuple[Scored, ...]
     hypotheses: tuple[Hypothesis, ...]
+    by_chance: float = 0.0

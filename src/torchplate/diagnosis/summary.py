@@ -47,7 +47,11 @@ def summarise(seen: Travelled, seconds: float) -> Diagnosis:
         scores=tuple(_table(one, effects, bench) for one in seen.looks),
         steps=_steps(seen, bool(finer)),
         missing=_missing(bench, noise, final, verdict),
-        remarks=(*(one.evidence for one in finer if verdict == "unexplained"), *_remarks(noise, final, seen.prior)),
+        remarks=(
+            *(one.evidence for one in finer if verdict == "unexplained"),
+            *_nothing_but_chance(seen),
+            *_remarks(noise, final, seen.prior),
+        ),
         next_measurements=tuple(next_measurements(sets, unexplained, 0 < n_frf < 3, symmetric)),
         parameters=_estimates(final.fit),
         model=bench.finished(final.fit.model, final.fit.theta),
@@ -103,7 +107,7 @@ def _named(bench: Workbench, naming: Naming, last: State) -> Named:
     alike = f"; these data cannot tell it from {' or '.join(equivalent)}" if equivalent else ""
     text = (
         f"{hypothesis.name} ({_values(parameters, hypothesis)}) takes the gap from {_percent(before)} to "
-        f"{_percent(after)}{against}{alike}."
+        f"{_percent(after)}{against}{alike}.{_chance(naming)}"
     )
     return Named(
         name=hypothesis.name,
@@ -115,6 +119,17 @@ def _named(bench: Workbench, naming: Naming, last: State) -> Named:
         evidence=text,
         gap_before=before,
         gap_after=after,
+    )
+
+
+def _chance(naming: Naming) -> str:
+    """What it takes beside what chance takes, where that was asked."""
+    if naming.by_chance <= 0:
+        return ""
+    fall = naming.before.cost - naming.hypothesis.cost
+    return (
+        f" It takes {fall:.3g} from the sum of squares; where nothing is missing, the best of the catalogue takes "
+        f"{naming.by_chance:.3g} once in a hundred times."
     )
 
 
@@ -260,6 +275,19 @@ def _remarks(noise: Noise | None, final: State, prior: Prior) -> tuple[str, ...]
             if on and name not in rigid:
                 sentences.append(f"{name} sits on the edge of its interval: widen it, or take it as a sign.")
     return tuple(sentences)
+
+
+def _nothing_but_chance(seen: Travelled) -> tuple[str, ...]:
+    """What the best of the catalogue would take where nothing was named, beside what chance takes."""
+    if seen.final.named or not seen.looks or seen.looks[0].by_chance <= 0 or not seen.looks[0].hypotheses:
+        return ()
+    look = seen.looks[0]
+    best = min(look.hypotheses, key=lambda one: one.cost)
+    fall = max(0.0, seen.baseline.fit.cost - best.cost)
+    return (
+        f"The best of the catalogue, {best.name}, would take {fall:.3g} from the sum of squares; where nothing is "
+        f"missing, the best takes {look.by_chance:.3g} once in a hundred times.",
+    )
 
 
 def _still_rigid(final: State) -> set[str]:

@@ -122,6 +122,8 @@ class FrfTarget(Target):
         self.model_variance = torch.zeros_like(noise.std)
         self.independent = 1.0
         self._around: Tensor | None = None
+        self._deflection_variance = torch.zeros_like(noise.std)
+        self._shift, self._mode = torch.zeros_like(self.frequency), torch.zeros(len(self.frequency), dtype=torch.int64)
         self._filters = [_kernel(self.frequency, _centres(self.frequency, width), width) for width in WIDTHS]
         self.hold_out(heldout)
 
@@ -147,13 +149,24 @@ class FrfTarget(Target):
         floor = 1e-3 * power.mean(0)
         return self.fitted / (power + floor).sqrt().clamp(min=1e-300)
 
-    def set_model_error(self, shift: Float[Tensor, " n_frequency"], shape: float = 1.0) -> None:
+    def set_model_error(
+        self,
+        shift: Float[Tensor, " n_frequency"],
+        shape: float = 1.0,
+        modes: Float[Tensor, " n_mode"] | None = None,
+    ) -> None:
         """Let what is left of the mesh error stand beside the noise.
 
         Args:
             shift: standard deviation of ln f at each line [-].
             shape: the part of `SHAPE` that this mesh leaves [-].
+            modes: natural frequencies, each of which shifts as one [Hz]; left out, all lines shift alike.
         """
+        middle = None if modes is None else 0.5 * (modes[1:] + modes[:-1]).to(self.frequency)
+        self._shift = shift
+        self._mode = torch.zeros(len(shift), dtype=torch.int64)
+        if middle is not None:
+            self._mode = torch.searchsorted(middle.contiguous(), self.frequency)
         step = self.frequency.diff()[:, None, None]
         slope = (self.measured.diff(dim=0) / step).abs()
         edge = slope.new_zeros(1, *slope.shape[1:])
@@ -166,7 +179,8 @@ class FrfTarget(Target):
         around = ((weight / weight.sum(-1, keepdim=True)) @ power.flatten(1)).unflatten(1, power.shape[1:])
         part = SHAPE[0] + (SHAPE[1] - SHAPE[0]) * (self.frequency / self.frequency[-1])[:, None, None]
         rounding, part = ROUNDING * shape, part * shape
-        self.model_variance = 0.5 * (moved.square() + rounding**2 * power + part.square() * around)
+        self._deflection_variance = 0.5 * (rounding**2 * power + part.square() * around)
+        self.model_variance = 0.5 * moved.square() + self._deflection_variance
         self._around = around
 
     def doubt_the_model(self, prediction: Tensor, n_mode: int) -> None:
@@ -208,11 +222,29 @@ class FrfTarget(Target):
     def residual(self, prediction: Tensor, level: int) -> Tensor:
         """Deviations of the fitted FRFs: smoothed, or over their standard deviation at the sharp level."""
         off = self.measured - prediction
-        if level < SHARP:
-            kept = self._filters[level].to(off) @ ((off * self._scales[level])[..., self.fitted] @ self._mix)
-        else:
-            kept = (off * (self.independent / self.variance).sqrt())[..., self.fitted]
+        if level == SHARP:
+            return self._weighed(off)
+        kept = self._filters[level].to(off) @ ((off * self._scales[level])[..., self.fitted] @ self._mix)
         return torch.view_as_real(kept).flatten(-3)
+
+    def _weighed(self, off: Tensor) -> Tensor:
+        kept = (off * (self.independent / self.variance).sqrt())[..., self.fitted]
+        return torch.view_as_real(kept).flatten(-3)
+
+    def by_chance(self, prediction: Tensor, n: int, generator: torch.Generator) -> Float[Tensor, "{n} n_residual"]:
+        """Residuals at the sharp level where noise and the mesh are all that is off: each mode moves as one.
+
+        Args:
+            prediction: of what is taken for the truth.
+            n: how many.
+            generator: of random numbers.
+        """
+        parts = torch.randn(n, *prediction.shape, 2, generator=generator, dtype=self.frequency.dtype)
+        scatter = torch.view_as_complex(parts) * (self.noise.std.square() + self._deflection_variance).sqrt()
+        slope = torch.gradient(prediction, spacing=(self.frequency,), dim=0)[0]
+        moved = slope * (self.frequency * self._shift)[:, None, None]
+        by_mode = torch.randn(n, int(self._mode.max()) + 1, generator=generator, dtype=self.frequency.dtype)
+        return self._weighed(scatter + by_mode[:, self._mode, None, None] * moved)
 
     def misfit(self, prediction: Tensor) -> Misfit:
         """Sums of squares over the variance."""

@@ -117,7 +117,8 @@ class Workbench:
         worst = found.error.abs().cummax(0).values
         line = self.target.frequency.to(found.frequency)
         at = torch.searchsorted(found.frequency.contiguous(), line).clamp(max=len(worst) - 1)
-        self.target.set_model_error(self.fineness.shift + self.fineness.part * worst[at], self.fineness.shape)
+        shift = self.fineness.shift + self.fineness.part * worst[at]
+        self.target.set_model_error(shift, self.fineness.shape, found.frequency)
 
 
 def working_mesh(mesh: Mesh, least: int) -> Mesh:

@@ -1,0 +1,61 @@
+"""What chance alone would let the best of all effects take: a parametric bootstrap on the null.
+
+Where nothing is missing, what is left is noise and what remains of the mesh error. Both are drawn many times: the noise
+at each line by itself; a natural frequency's error as one shift of that mode, at all its lines in all FRFs, which is
+what an effect looks like. For each draw every effect is scored at all its places, with the fitted parameters projected
+out, and the best of them counts. A name has to take more than that does once in a hundred.
+
+Sources: Davison and Hinkley, Bootstrap Methods and their Application (1997), ch. 4, on tests by simulation from the
+fitted null; Gross and Vitells, European Physical Journal C 70 (2010) 525, on the best of many places.
+"""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from torchplate.diagnosis.target import FrfTarget
+
+# Draws, the part of them that chance may exceed, and how many are made at once.
+N_DRAW, LEVEL, AT_ONCE = 200, 0.01, 20
+# A direction shorter than this part of the longest says nothing that it does not.
+PARALLEL = 1e-6
+
+
+def drawn(target: FrfTarget, prediction: Tensor, n_told: int = 0, seed: int = 0) -> Float[Tensor, "n_draw n_residual"]:
+    """Residuals at the sharp level as chance makes them where nothing is missing.
+
+    Args:
+        target: its noise and what is left of the mesh error.
+        prediction: of the model that is the null.
+        n_told: parameters that something is known of beforehand, each off by as much as that says.
+        seed: of the draws.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    draws = torch.cat([target.by_chance(prediction, AT_ONCE, generator) for _ in range(N_DRAW // AT_ONCE)])
+    return torch.cat([draws, torch.randn(N_DRAW, n_told, generator=generator, dtype=draws.dtype)], dim=-1)
+
+
+def falls(
+    change: Float[Tensor, "n_member n_residual"], draws: Float[Tensor, "n_draw n_residual"], together: bool
+) -> Float[Tensor, " n_draw"]:
+    """What one effect would take from the sum of squares of each draw.
+
+    Args:
+        change: of each member, freed of what the fitted parameters can do.
+        draws: residuals.
+        together: whether members add up, as parameters of one effect do; else the best of them counts, as of places.
+    """
+    size = change.norm(dim=-1)
+    kept = change[size > PARALLEL * size.max().clamp(min=1e-300)]
+    if not len(kept):
+        return draws.new_zeros(len(draws))
+    direction = kept / kept.norm(dim=-1, keepdim=True)
+    if not together:
+        return (draws @ direction.mT).square().amax(-1)
+    left, singular, _ = torch.linalg.svd(direction.mT, full_matrices=False)
+    return (draws @ left[:, singular > PARALLEL * singular[0]]).square().sum(-1)
+
+
+def once_in_a_hundred(best: Float[Tensor, "n_effect n_draw"]) -> float:
+    """The fall that the best of all effects exceeds in one of a hundred draws; 0 where none was scored."""
+    return float(best.amax(0).quantile(1 - LEVEL)) if best.numel() else 0.0

@@ -1,0 +1,101 @@
+"""What is grounded at a place may be a support: a further one, or one that is there and tighter than the others."""
+
+import math
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchplate.diagnosis.candidate import BELIEVED, SLACK, Candidate, Trial
+from torchplate.effects import CATALOGUE
+from torchplate.model import PlateModel, Searched
+
+# A place found is taken for a node's or a support's if it is this near to it, relative to the plate, and may be it if
+# it is this near.
+NEAR_NODE, PERHAPS_NODE = 0.012, 0.04
+
+
+class Tighter(NamedTuple):
+    """A support that is where a spring was found.
+
+    Attributes:
+        candidate: that support, tighter by the spring: the same physics.
+        surprise: twice the negative logarithm of how likely a spring of which nothing is known ends at a support.
+    """
+
+    candidate: Candidate
+    surprise: float
+
+
+def supports_at(
+    model: PlateModel, theta: Tensor, x: float, y: float, stiffness: float, viscous: float
+) -> list[Candidate]:
+    """A further support at a place where a spring or dashpot was found, or at the labelled node that is near.
+
+    Args:
+        model: as it is.
+        theta: its searched parameters.
+        x: place, relative.
+        y: likewise.
+        stiffness: to begin with [N/m].
+        viscous: likewise [N s/m].
+    """
+    n_x, n_y = model.mesh.n_x, model.mesh.n_y
+    column, row = round(x * n_x), round(y * n_y)
+    away = math.hypot(x - column / n_x, y - row / n_y)
+    chosen: list[dict[str, Any]] = [{"nodes": (row * (n_x + 1) + column + 1,)}] if away < PERHAPS_NODE else []
+    chosen += [{"at": ((x, y),)}] if away >= NEAR_NODE else []
+    kind = CATALOGUE["support_spring"]
+    plan = model.plan(theta)
+    wanted, start = {}, {}
+    for name, value in (("stiffness", stiffness), ("viscous_damping", viscous)):
+        interval = kind.parameters[name].prior_interval(plan.section, plan.geometry)
+        wanted[name] = Searched(interval.low, interval.high, True)
+        start[name] = min(max(value, 1.01 * interval.low), 0.99 * interval.high)
+    return [Candidate(kind(**options), options, wanted, {}, (Trial(start, *BELIEVED),)) for options in chosen]
+
+
+def tighter_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: float) -> Tighter | None:
+    """The one of the supports that is where a spring was found; None where none is, or its spring is named already.
+
+    Args:
+        model: without the spring.
+        theta: its searched parameters, beside the spring.
+        x: place of the spring, relative.
+        y: likewise.
+        stiffness: of the spring [N/m].
+    """
+    own = [(label, key, point) for label, key, points in _supports(model, "support_spring") for point in points]
+    named = [point for _, _, points in _supports(model, "support_asymmetry") for point in points]
+    if not own or stiffness <= 0:
+        return None
+    away = [_away(model, point, x, y) for _, _, point in own]
+    at = min(range(len(own)), key=lambda index: away[index])
+    label, key, point = own[at]
+    present = float(model.values(theta)[label]["stiffness"])
+    if away[at] > NEAR_NODE or present <= 0 or any(_away(model, one, x, y) <= NEAR_NODE for one in named):
+        return None
+    options = {key: (point,)}
+    effect = CATALOGUE["support_asymmetry"](**options)
+    prior = effect.parameters["factor_1"].prior
+    assert prior is not None
+    interval = Searched(prior.low, SLACK * prior.high)
+    start = {"factor_1": min(1 + stiffness / present, interval.high)}
+    candidate = Candidate(effect, options, {"factor_1": interval}, {"factor_1": 1.0}, (Trial(start, *BELIEVED),))
+    return Tighter(candidate, -2 * math.log(min(1.0, len(own) * math.pi * NEAR_NODE**2)))
+
+
+def _supports(model: PlateModel, name: str) -> list[tuple[str, str, tuple[Any, ...]]]:
+    """Label, option and places of the effects of this name, which know supports by their places."""
+    return [
+        (label, key, tuple(getattr(effect, key)))
+        for label, effect in model.effects.items()
+        if effect.name == name
+        for key in ("nodes", "at")
+        if getattr(effect, key)
+    ]
+
+
+def _away(model: PlateModel, point: Any, x: float, y: float) -> float:
+    """How far a support is from a place, relative to the plate."""
+    return float((model.mesh.places([point])[0] - torch.tensor([x, y], dtype=torch.float64)).norm())
