@@ -69,6 +69,7 @@ class Assembly(nn.Module):
     uniform: Tensor | None
     elements: Tensor | None
     element_masses: Tensor | None
+    mirror: Tensor | None
     basis: Tensor | None
     seen: Tensor | None
     lacking: Tensor | None
@@ -99,18 +100,30 @@ class Assembly(nn.Module):
         self.register_buffer("uniform", None, persistent=False)
         self.register_buffer("elements", None, persistent=False)
         self.register_buffer("element_masses", None, persistent=False)
+        self.register_buffer("mirror", None, persistent=False)
         if basis is not None:
             self.uniform = torch.stack([self._projected(one) for one in (*pattern, mass_pattern)])
-            if by_element and 7 * 8 * mesh.n_element * basis.shape[-1] ** 2 <= ELEMENT_BYTES:
-                rows = self._element_rows()
-                patterns = torch.cat([pattern, mass_pattern[None]])[:, None].to(rows)
-                # [n_element n_pattern, n n], as the products below want them: the stiffness patterns, then the mass.
-                every = (rows.mT @ (patterns @ rows)).transpose(0, 1).flatten(2)
-                self.elements, self.element_masses = every[:, :6].flatten(0, 1), every[:, 6].contiguous()
+            if by_element and 7 * 8 * mesh.n_element * basis.shape[-1] ** 2 <= 2 * ELEMENT_BYTES:
+                self._keep_elements()
         elif dense and 7 * 8 * len(free) ** 2 <= UNIFORM_BYTES:
             everywhere = torch.cat([pattern, mass_pattern[None]])[:, None].expand(-1, mesh.n_element, -1, -1)
             self.uniform = self._scatter(everywhere)
         self._correct(correction)
+
+    def _keep_elements(self) -> None:
+        """What each element is in the basis, for each pattern: one half, since all are symmetric."""
+        rows = self._element_rows()
+        upper = torch.triu_indices(self.size, self.size, device=rows.device)
+        position = torch.arange(upper.shape[1], device=rows.device)
+        self.mirror = torch.zeros(self.size, self.size, dtype=torch.int64, device=rows.device)
+        self.mirror[upper[0], upper[1]] = position
+        self.mirror[upper[1], upper[0]] = position
+        half = upper[0] * self.size + upper[1]
+        # [n_pattern n_element, n_half], as the products below want them.
+        self.elements = rows.new_empty(len(self.pattern) * len(rows), len(half))
+        for place, pattern in zip(self.elements.split(len(rows)), self.pattern.to(rows), strict=True):
+            torch.index_select((rows.mT @ (pattern @ rows)).flatten(1), 1, half, out=place)
+        self.element_masses = (rows.mT @ (self.mass_pattern.to(rows) @ rows)).flatten(1)[:, half]
 
     def corrected(self, correction: Correction) -> "Assembly":
         """The same, with what the stiffness of a finer mesh would add; matrices are shared."""
@@ -259,7 +272,7 @@ class Assembly(nn.Module):
         coefficient = coefficient.expand(*coefficient.shape[:-2], self.mesh.n_element, coefficient.shape[-1])
         each = self.elements if which.start == 0 else self.element_masses
         if each is not None:
-            return (coefficient.flatten(-2) @ each).unflatten(-1, (self.size, self.size))
+            return (coefficient.mT.flatten(-2) @ each)[..., self.mirror]
         matrices = torch.einsum("...ek,kpq->...epq", coefficient, pattern)
         return self._scatter(matrices) if self.basis is None else self._project(matrices)
 
