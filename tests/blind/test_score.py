@@ -4,11 +4,15 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
 
 from blind.place import size_error, which_is_right
 from blind.score import Score, markdown, tables, verdict, wilson
 from blind.suite import chosen, run_case
 from blind.twins import right, twins
+from torchplate.effects import CATALOGUE
+from torchplate.model import PlateModel
+from torchplate.plate import Mesh
 
 
 def truth(kind="one", known=(), **hidden):
@@ -174,3 +178,29 @@ def test_a_case_is_run_and_recorded_and_a_crash_is_one_more_wrong_answer(tmp_pat
     assert not verdict(records[1]).right
     for table in tables(Score(records)):
         assert markdown(table).startswith("###")
+
+
+def test_where_springs_and_masses_are_free_a_heavier_plate_is_a_smaller_gain():
+    # Not even a spring or a mass beside the plate gives the level a scale, as long as its own number is looked for.
+    lines = torch.linspace(5.0, 300.0, 40, dtype=torch.float64)
+    found = []
+    for scale in (1.0, 1.17):
+        effects = {
+            "plate": CATALOGUE["plate"](), "wires": CATALOGUE["support_spring"](nodes=[2, 10]),
+            "edge": CATALOGUE["edge_spring"](edge="y1"), "lump": CATALOGUE["point_mass"](),
+            "loss": CATALOGUE["hysteretic_damping"](), "patch": CATALOGUE["stiffness_loss"](),
+        }  # fmt: skip
+        scaled = {
+            "plate.youngs_modulus": 2e11, "plate.density": 7800.0, "wires.stiffness": 900.0,
+            "wires.viscous_damping": 0.7, "edge.stiffness": 4e3, "edge.rotational_stiffness": 70.0, "lump.mass": 0.1,
+        }  # fmt: skip
+        known = {name: scale * value for name, value in scaled.items()}
+        known |= {
+            "plate.poisson_ratio": 0.3, "plate.thickness": 0.003, "lump.x": 0.3, "lump.y": 0.6, "patch.x": 0.6,
+            "loss.stiffness_loss_factor": 0.01, "patch.y": 0.4, "patch.size": 0.3, "patch.factor": 0.6,
+        }  # fmt: skip
+        model = PlateModel(Mesh(0.43, 0.3, 4, 4), effects, known, {}, [3, 17], [7, 9], "accelerance")
+        found.append(scale * model.frf(torch.zeros(0, dtype=torch.float64), lines))
+    torch.testing.assert_close(*found, rtol=1e-8, atol=0.0)
+    beside = truth("two", density={"value": 8200.0}, ground_spring={"x": 0.2, "y": 0.7, "stiffness": 300.0})
+    assert "sensor_gain" in twins("density", beside)

@@ -137,3 +137,21 @@ def test_without_parameters_there_is_nothing_to_fit(lab, plate, truth):
     assert seen.theta.shape == (0,)
     assert seen.covariance.shape == (0, 0)
     assert seen.reduced_misfit == pytest.approx(1.0, abs=0.12)
+
+
+def test_a_hopeless_fit_ends_with_its_first_basis(bench, plate, monkeypatch):
+    bases = []
+    reduced = bench.reduced
+    monkeypatch.setattr(bench, "reduced", lambda *arguments: bases.append(1) or reduced(*arguments))
+    start = torch.tensor([[0.3, 0.5, 0.5]], dtype=torch.float64)
+    whole = fit(bench, bench.given, start, wide=False)
+    n_whole = len(bases)
+    assert n_whole > 1
+    bases.clear()
+    given_up = fit(bench, bench.given, start, wide=False, hopeless=0.0)
+    assert len(bases) == 1
+    assert float(given_up.misfit.fitted) >= 0.99 * float(whole.misfit.fitted)
+    # One that may still be of use goes to its end.
+    bases.clear()
+    assert torch.equal(fit(bench, bench.given, start, wide=False, hopeless=1e12).theta, whole.theta)
+    assert len(bases) == n_whole

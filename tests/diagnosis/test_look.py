@@ -93,3 +93,16 @@ def test_the_residual_force_says_where_to_start_and_how_large(lab):
     assert values["plate.youngs_modulus"] == pytest.approx(float(scene.fit.theta[0]))
     assert torch.equal(found["point_mass"].starts[1:], before["point_mass"].starts)
     assert found["point_mass"].drop >= 0.5
+
+
+@torch.no_grad()
+def test_what_took_less_than_it_promised_is_looked_for_farther_off(scene):
+    gain = scene.hypothesis("sensor_gain")
+    base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    (promise,) = screen(scene.bench, base, scene.fit.theta, [scene.candidate("sensor_gain")], {}, near=True)
+    assert promise.drop > 0.9
+    assert module._kept([promise], [gain], scene.state)
+    halfway = gain.fit.misfit._replace(fitted=0.5 * scene.fit.misfit.fitted)
+    stuck = Hypothesis(gain.candidate, gain.label, gain.fit._replace(misfit=halfway))
+    assert not module._kept([promise], [stuck], scene.state)
+    assert not module._kept([promise], [], scene.state)

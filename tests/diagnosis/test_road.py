@@ -11,6 +11,7 @@ import torch
 
 import torchplate as tp
 from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.naming import Hypothesis
 from torchplate.diagnosis.road import Road
 from torchplate.diagnosis.state import State
 from torchplate.effects import CATALOGUE, Effect, Parameter
@@ -302,3 +303,29 @@ def test_a_baseline_that_stopped_too_soon_is_taken_up_from_where_an_effect_led(l
     assert any("without it" in one for one in said)
     # Where it had come to its end, nothing is taken up.
     assert road._lower(State(model, end), State(model, end)) is None
+
+
+@torch.no_grad()
+def test_a_second_effect_is_looked_for_beside_what_explains_some(lab):
+    scene = lab.Scene()
+    road = Road(scene.bench.given, scene.bench.target, {}, lambda _: None)
+    measured = scene.bench.target.measured
+
+    def fitted(gap: float, square: float):
+        misfit = scene.fit.misfit._replace(fitted=torch.tensor(square, dtype=torch.float64))
+        return scene.fit._replace(prediction=(1 - gap) * measured, misfit=misfit, prior=0.0, believed=True)
+
+    def after(name: str, gap: float, square: float):
+        return Hypothesis(scene.candidate(name), f"{name}_1", fitted(gap, square))
+
+    before = fitted(0.5, 1000.0)
+    # The gap is much smaller, or much less speaks against it.
+    assert road._explains_some(before, after("point_mass", 0.36, 900.0))
+    assert road._explains_some(before, after("point_mass", 0.49, 480.0))
+    assert not road._explains_some(before, after("point_mass", 0.39, 900.0))
+    # What has no number to be fitted cannot do as much, where something else is missing too.
+    assert road._explains_some(before, after("channel_swap", 0.49, 700.0))
+    assert not road._explains_some(before, after("point_mass", 0.49, 700.0))
+    # Beside the best, a smaller gap alone is not enough.
+    assert not road._explains_some(before, after("point_mass", 0.36, 900.0), by_cost=True)
+    assert road._explains_some(before, after("point_mass", 0.49, 480.0), by_cost=True)

@@ -25,12 +25,16 @@ N_WIDE, N_SHARP, NEAR = 6, 5, 6.0
 # What promises less than this part of the best is not refitted; and where peaks overlap and the best promises so much
 # of the misfit, wide levels are not asked.
 FAINT, DECIDED = 0.05, 0.5
+# What was refitted kept the promise where it took this part of it from what speaks against the model.
+KEPT = 0.9
 # A second option of the same effect is followed if it promises at least this part of the first's.
 SECOND = 0.6
 # Below this gap peaks of model and measurement overlap; below this mean square wide levels would show but noise.
 OVERLAPPING, NEARLY_RIGHT = 0.5, 2.5
 # Mean square up to which what is left is held against what chance would leave.
 PERHAPS_CHANCE = 12.0
+# Mean square up to which a further support may be named.
+LITTLE_ELSE = 12.0
 # An effect of the whole plate whose prior spans more than this factor is looked for all over its prior and the box
 # together, where the model is doubted: so many members, and so many of them that go down.
 WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
@@ -59,45 +63,69 @@ class Look:
 
     def at(self, state: State) -> Looked:
         """Score the whole catalogue, and refit what promises most."""
-        bench = self.bench
+        bench, misfit = self.bench, state.fit.reduced_misfit
         base = bench.reduced(state.fit.model, state.fit.theta[None], by_element=True)
         everyone = candidates(base, state.fit.theta, self.channels)
         self.say(f"scoring {len(everyone)} candidates")
-        misfit, chosen, promises, by_chance = state.fit.reduced_misfit, [], [], 0.0
+        promises: list[Scored] = []
+        chosen: list[tuple[Scored, Tensor]] = []
+        by_chance = 0.0
         if bench.target.levels == 1 or float(bench.target.gap(state.fit.prediction)) < OVERLAPPING:
-            draws = self._by_chance(state)
-            promises = screen(bench, base, state.fit.theta, everyone, self.prior, near=True, draws=draws)
-            if draws is not None:
-                by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
-                self.say(f"  chance alone would let the best of them take {by_chance:.3g} from the sum of squares")
+            promises, by_chance = self._nearby(state, base, everyone)
             # Where nothing but noise is left, a look at the best two is a check.
             wanted = 2 if is_noise(state.fit) else N_SHARP
             chosen = [(promise, promise.starts) for promise in _promising(promises, wanted)]
-        decided = bool(promises) and promises[0].drop > DECIDED
-        if bench.target.levels > 1 and misfit > NEARLY_RIGHT and not decided:
-            widely_scored = screen(bench, base, state.fit.theta, everyone, self.prior)
-            widely_scored = [self._from_afar(state, one) for one in widely_scored]
-            widely_scored = self._from_force(state, base, widely_scored)
-            widely_scored = sorted(widely_scored, key=lambda one: -one.drop)
-            ways = _promising(widely_scored, N_WIDE)
-            ways += [one for one in widely_scored if one.candidate.replaces and all(one is not way for way in ways)]
-            chosen += self._down(state, ways)
-            promises = promises or widely_scored
-        together: dict[str, tuple[Scored, list[Tensor]]] = {}
-        for promise, starts in chosen:
-            key = f"{promise.candidate.name} {promise.candidate.options}"
-            together.setdefault(key, (promise, []))[1].append(starts)
         hypotheses: list[Hypothesis] = []
-        for one, several in together.values():
-            least = min((float(other.fit.misfit.fitted) for other in hypotheses), default=math.inf)
-            starts = torch.cat(several)
-            hypotheses.append(self._refit(state.model, one.candidate, one.label, starts, HOPELESS * least))
+        if bench.target.levels > 1 and misfit > NEARLY_RIGHT:
+            if promises and promises[0].drop > DECIDED:
+                hypotheses, chosen = self._refitted(state, chosen), []
+            if not _kept(promises, hypotheses, state):
+                widely_scored, further = self._widely(state, base, everyone)
+                chosen += further
+                promises = promises or widely_scored
+        hypotheses += self._refitted(state, chosen, hypotheses)
         hypotheses = self._run_off(state, _best_of_each(hypotheses + self._again(state)))
         ended: list[Hypothesis] = []
         for found in hypotheses:
             priced, supports = self.as_supports(state, found) if found.name in GROUNDED else (found, [])
-            ended += [priced, *supports]
+            # A support stays where it is: it is named where little else is missing, and it is there.
+            ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= LITTLE_ELSE)]
         return Looked(tuple(promises), tuple(_best_of_each(ended)), by_chance)
+
+    def _nearby(self, state: State, base: PlateModel, everyone: Sequence[Candidate]) -> tuple[list[Scored], float]:
+        """All candidates scored where peaks overlap; and what chance takes, where little is left."""
+        draws = self._by_chance(state)
+        promises = screen(self.bench, base, state.fit.theta, everyone, self.prior, near=True, draws=draws)
+        if draws is None:
+            return promises, 0.0
+        by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
+        self.say(f"  chance alone would let the best of them take {by_chance:.3g} from the sum of squares")
+        return promises, by_chance
+
+    def _widely(
+        self, state: State, base: PlateModel, everyone: Sequence[Candidate]
+    ) -> tuple[list[Scored], list[tuple[Scored, Tensor]]]:
+        """All candidates scored where peaks need not overlap, and where the best end on the way down."""
+        scored = screen(self.bench, base, state.fit.theta, everyone, self.prior)
+        scored = [self._from_afar(state, one) for one in scored]
+        scored = sorted(self._from_force(state, base, scored), key=lambda one: -one.drop)
+        ways = _promising(scored, N_WIDE)
+        ways += [one for one in scored if one.candidate.replaces and all(one is not way for way in ways)]
+        return scored, self._down(state, ways)
+
+    def _refitted(
+        self, state: State, chosen: Sequence[tuple[Scored, Tensor]], before: Sequence[Hypothesis] = ()
+    ) -> list[Hypothesis]:
+        """Candidates refitted from all their starts; hopeless ones, beside the best, not to their end."""
+        together: dict[str, tuple[Scored, list[Tensor]]] = {}
+        for promise, starts in chosen:
+            key = f"{promise.candidate.name} {promise.candidate.options}"
+            together.setdefault(key, (promise, []))[1].append(starts)
+        found: list[Hypothesis] = []
+        for one, several in together.values():
+            least = min((float(other.fit.misfit.fitted) for other in (*before, *found)), default=math.inf)
+            found.append(self._refit(state.model, one.candidate, one.label, torch.cat(several), HOPELESS * least))
+        return found
 
     def _by_chance(self, state: State) -> Tensor | None:
         """Residuals that chance alone makes, where what is left is not far above it; None elsewhere."""
@@ -262,6 +290,14 @@ def _promising(promises: Sequence[Scored], wanted: int) -> list[Scored]:
     names = [name for name in ranked if best[name][0].drop >= FAINT * best[ranked[0]][0].drop]
     names += [other for name in names for other in alike[id(best[name][0])] if other in best]
     return [promise for name in dict.fromkeys(names) for promise in best[name]]
+
+
+def _kept(promises: Sequence[Scored], hypotheses: Sequence[Hypothesis], state: State) -> bool:
+    """Whether what was refitted where peaks overlap took most of what the best promised."""
+    if not hypotheses:
+        return False
+    least = min(one.cost for one in hypotheses)
+    return state.fit.cost - least >= KEPT * promises[0].drop * state.fit.cost
 
 
 def _best_of_each(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
