@@ -271,3 +271,12 @@ def frfs(floor: float) -> FrfTarget:
 def test_nothing_is_missing_where_noise_is_all_that_is_left(part, gap, named, explained):
     last = fitted(part * (N_FITTED + N_HELDOUT), gap=gap)
     assert is_explained(last, frfs(0.01), named) == explained
+
+
+def test_a_choice_holds_what_is_as_good_and_not_another_of_the_same_name():
+    best, same, far = (hypothesis("orthotropy", square) for square in (2000.0, 2005.0, 5000.0))
+    found = choose([best, hypothesis("ground_spring", 2001.0), same, far])
+    assert "ground_spring" in found.equivalent
+    assert found.holds(best)
+    assert found.holds(same)
+    assert not found.holds(far)

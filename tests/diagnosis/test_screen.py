@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from torchplate.diagnosis.candidate import Channels, candidates
-from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.fit import Problem, fit
 from torchplate.diagnosis.noise import Noise
 from torchplate.diagnosis.screen import screen, twins
 from torchplate.diagnosis.target import FrfTarget
@@ -139,3 +139,20 @@ def test_what_no_refit_could_part_is_parallel(lab):
     found = scored(lab, ("density", {"value": 7750.0}), True, ("loss.stiffness_loss_factor",))
     alike = dict(zip((one.candidate.name for one in found), twins(found), strict=True))
     assert "sensor_gain" not in alike["density"]
+
+
+@pytest.mark.parametrize(("young", "free"), [(2.2e11, True), (2.29999e11, False)], ids=["inside", "on the edge"])
+@torch.no_grad()
+def test_what_sits_on_the_edge_of_its_interval_cannot_do_what_an_effect_would(lab, young, free):
+    scene = lab.Scene(young)
+    base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    (density,) = screen(scene.bench, base, scene.fit.theta, [scene.candidate("density")], {}, near=True)
+    problem = Problem(scene.bench, base, {})
+    position = base.space.to_cube(scene.fit.theta)
+    step = torch.zeros_like(position)
+    step[base.names.index("plate.youngs_modulus")] = -1e-5
+    level = scene.bench.target.levels - 1
+    tangent = problem.residual(position + step, level) - problem.residual(position, level)
+    along = abs(float(density.signature @ tangent) / float(tangent.norm()))
+    # A heavier plate is a softer one, but for its level.
+    assert along < 1e-3 if free else along > 0.5

@@ -65,11 +65,14 @@ class Hindsight:
             near += supports
             every = [*(priced if one is best else one for one in every), *supports]
             choice = choose(every)
-        if choice.best is here or here.name in choice.equivalent:
+        if choice.holds(here):
             choice = choose(every, here)
             kept = (*state.named[:index], replace(naming, again=choice), *state.named[index + 1 :])
             return replace(state, named=kept)
-        better = choice.best
+        # A name stays where it is as good as the best, if at another place.
+        same = [one for one in every if one.name == here.name and choice.holds(one)]
+        better = min(same, key=lambda one: one.cost, default=choice.best)
+        choice = choose(every, better)
         self.say(f"{better.name} in place of {naming.hypothesis.name}")
         as_then = next(one for one in near if one.name == better.name and one.candidate is better.candidate)
         renamed = replace(naming, hypothesis=as_then, choice=choose([naming.hypothesis, *near], as_then), again=choice)

@@ -97,6 +97,15 @@ class Choice:
     margin: float
     alike: float = EQUIVALENT
 
+    def holds(self, one: Hypothesis) -> bool:
+        """Whether a hypothesis is the best or as good."""
+        return abs(one.cost - self.best.cost) <= self.alike * _unit(self.best)
+
+
+def _unit(best: Hypothesis) -> float:
+    """What differences count in: a model that leaves something unexplained knows less of what is small."""
+    return max(1.0, best.fit.reduced_misfit) if best.fit.believed else 1.0
+
 
 def price_of_few(n: float, n_parameter: int) -> float:
     """What parameters add to twice the negative logarithm of a likelihood of few numbers: 2 k n / (n − k − 1).
@@ -123,7 +132,7 @@ def choose(hypotheses: Sequence[Hypothesis], best: Hypothesis | None = None) -> 
     if best is None:
         near = [one for one in ranked if one.cost - ranked[0].cost <= EQUIVALENT]
         best = ranked[0] if ranked[0].fit.believed else min(near, key=lambda one: one.fit.gap, default=ranked[0])
-    unit = max(1.0, best.fit.reduced_misfit) if best.fit.believed else 1.0
+    unit = _unit(best)
     alike = max(EQUIVALENT, EQUIVALENT_PART * best.cost / unit) if best.fit.believed else EQUIVALENT
     equivalent, others = [], []
     for other in ranked:

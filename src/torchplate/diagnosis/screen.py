@@ -81,10 +81,13 @@ def screen(
     here = Problem(bench, base, prior)
     position = base.space.to_cube(theta)
     residual = here.residual(position, level)
-    if len(base.names):
+    # What ended on the edge of its interval is not free to do anything more.
+    loose = ~base.space.at_bound(theta)
+    if bool(loose.any()):
         jacobian = JACOBIANS["forward"].differentiate(lambda p: here.residual(p, level), position[None], residual[None])
-        norm = jacobian[0].norm(dim=0).clamp(min=1e-300)
-        known, upper = torch.linalg.qr(jacobian[0] / norm)
+        tangent = jacobian[0][:, loose]
+        norm = tangent.norm(dim=0).clamp(min=1e-300)
+        known, upper = torch.linalg.qr(tangent / norm)
     else:
         known, upper, norm = residual.new_zeros(len(residual), 0), residual.new_zeros(0, 0), residual.new_zeros(0)
 
@@ -93,7 +96,8 @@ def screen(
 
     def makes_room(change: Tensor) -> Tensor:
         """Where the fitted parameters go, to first order, when a candidate takes its change from the residuals."""
-        step = torch.linalg.lstsq(upper, (known.mT @ (residual - change))[:, None]).solution[:, 0] / norm
+        step = torch.zeros_like(position)
+        step[loose] = torch.linalg.lstsq(upper, (known.mT @ (residual - change))[:, None]).solution[:, 0] / norm
         return base.space.to_si((position - step).clamp(0.0, 1.0)) if near else theta
 
     left = free(residual)
