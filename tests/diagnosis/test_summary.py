@@ -1,5 +1,7 @@
 """What is said at the end follows from what was found."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -7,8 +9,15 @@ from torchplate.diagnosis.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
 from torchplate.diagnosis.naming import Choice, Hypothesis
 from torchplate.diagnosis.noise import noise_level
-from torchplate.diagnosis.state import Naming, State
-from torchplate.diagnosis.summary import _missing, _on_symmetry, _remarks, _verdict
+from torchplate.diagnosis.state import Looked, Naming, State, Travelled
+from torchplate.diagnosis.summary import (
+    _chance,
+    _missing,
+    _nothing_but_chance,
+    _on_symmetry,
+    _remarks,
+    _verdict,
+)
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.workbench import Workbench
 from torchplate.effects import CATALOGUE
@@ -86,3 +95,25 @@ def test_sensors_on_a_line_of_symmetry_are_seen():
     # A force off the line tells a place from its mirror image.
     assert not _on_symmetry(plate((3, 18), (7, 22)))
     assert not _on_symmetry(plate((3, 18), (11, 14)))
+
+
+def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):
+    before, after = Ended(lab, 0.2), Ended(lab, 0.0, n_named=1)
+    (naming,) = after.state.named
+    naming = replace(naming, before=before.state.fit, by_chance=123.4)
+    fall = before.state.fit.cost - naming.hypothesis.cost
+    assert _chance(naming) == (
+        f" It takes {fall:.3g} from the sum of squares; where nothing is missing, the best of the catalogue takes 123 "
+        "once in a hundred times."
+    )
+    # Where far more is left than chance makes, it was not asked.
+    assert _chance(replace(naming, by_chance=0.0)) == ""
+    best = naming.hypothesis
+    for by_chance, n_sentences in ((123.4, 1), (0.0, 0)):
+        look = Looked((), (best,), by_chance)
+        seen = Travelled(after.bench, after.noise, best.fit, before.state, before.state, (look,), {})
+        said = _nothing_but_chance(seen)
+        assert len(said) == n_sentences
+        assert all("density, would take" in one and "takes 123 once" in one for one in said)
+    named = Travelled(after.bench, after.noise, best.fit, before.state, after.state, (look,), {})
+    assert _nothing_but_chance(named) == ()
