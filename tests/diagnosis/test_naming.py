@@ -263,7 +263,10 @@ def frfs(floor: float) -> FrfTarget:
         (1.0, 0.5, True, True),
         # Deep valleys may say that something is missing, where the gap is at the floor.
         (1.5, 0.0105, True, True),
-        (1.5, 0.0105, False, False),
+        # Where nothing was named, less may be left.
+        (1.5, 0.0095, False, False),
+        (1.3, 0.0105, False, False),
+        (1.3, 0.0095, False, True),
         (1.5, 0.0115, True, False),
         (3.5, 0.0105, True, False),
     ],

@@ -11,7 +11,7 @@ from torch.quasirandom import SobolEngine
 from torchplate.diagnosis.candidate import Candidate, Channels, candidates
 from torchplate.diagnosis.fit import Prior, Problem, fit, widely
 from torchplate.diagnosis.localise import UNIT, missing_force
-from torchplate.diagnosis.naming import Hypothesis, is_noise
+from torchplate.diagnosis.naming import LITTLE, Hypothesis, is_noise
 from torchplate.diagnosis.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.screen import Scored, new_label, screen, start_of, twins
 from torchplate.diagnosis.state import Looked, State
@@ -33,8 +33,6 @@ SECOND = 0.6
 OVERLAPPING, NEARLY_RIGHT = 0.5, 2.5
 # Mean square up to which what is left is held against what chance would leave.
 PERHAPS_CHANCE = 12.0
-# Mean square up to which a further support may be named.
-LITTLE_ELSE = 12.0
 # An effect of the whole plate whose prior spans more than this factor is looked for all over its prior and the box
 # together, where the model is doubted: so many members, and so many of them that go down.
 WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
@@ -89,7 +87,7 @@ class Look:
         for found in hypotheses:
             priced, supports = self.as_supports(state, found) if found.name in GROUNDED else (found, [])
             # A support stays where it is: it is named where little else is missing, and it is there.
-            ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= LITTLE_ELSE)]
+            ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= LITTLE)]
         return Looked(tuple(promises), tuple(_best_of_each(ended)), by_chance)
 
     def _nearby(self, state: State, base: PlateModel, everyone: Sequence[Candidate]) -> tuple[list[Scored], float]:

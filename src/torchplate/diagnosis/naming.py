@@ -33,8 +33,10 @@ SMALLEST_STEP = 0.005
 HELD, LARGE_STEP = 0.05, 0.75
 # Mean square up to which nothing but noise is left.
 NOISE_ONLY = 1.08
-# A mean square that is little; and a gap in noise floors that is at the floor, where something was named.
-LITTLE, AT_FLOOR = 3.0, 1.1
+# A mean square that is little; the same where nothing was named, and the model is not doubted.
+LITTLE, VERY_LITTLE = 3.0, 1.35
+# A gap in noise floors that is at the floor: where something was named or the model is doubted, and where nothing was.
+AT_FLOOR, BELOW_FLOOR = 1.1, 1.0
 
 
 @dataclass(frozen=True)
@@ -153,15 +155,12 @@ def is_noise(fit: Fit) -> bool:
 
 
 def is_explained(fit: Fit, target: Target, named: bool) -> bool:
-    """Whether nothing but noise is left.
-
-    Where something was named, or the model is doubted, the gap may be at the floor instead: lines far below the others
-    may say otherwise.
-    """
+    """Whether nothing but noise is left, or the gap is at its floor: lines far below the others may say otherwise."""
     if is_noise(fit) or not isinstance(target, FrfTarget):
         return is_noise(fit)
-    little = named and fit.reduced_misfit < LITTLE
-    return (little or not fit.believed) and fit.gap <= AT_FLOOR * target.floor
+    if named or not fit.believed:
+        return (fit.reduced_misfit < LITTLE or not fit.believed) and fit.gap <= AT_FLOOR * target.floor
+    return fit.reduced_misfit < VERY_LITTLE and fit.gap <= BELOW_FLOOR * target.floor
 
 
 def confidence_in_the_end(choice: Choice, last: Fit, more_followed: bool) -> float:
