@@ -7,7 +7,7 @@ import torch
 
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.hindsight import Hindsight
-from torchplate.diagnosis.naming import choose
+from torchplate.diagnosis.naming import Hypothesis, choose
 from torchplate.diagnosis.state import Naming, State
 from torchplate.diagnosis.workbench import with_candidate
 
@@ -88,3 +88,39 @@ def test_what_the_others_make_needless_is_taken_out(lab):
     left = beside.hindsight.without_needless(beside.state, beside.bench, beside.state.named)
     assert [one.hypothesis.name for one in left.named] == ["point_mass"]
     assert "time_delay is no longer needed" in beside.said
+
+
+def named_after(scene, state, name, **start):
+    """The state with one effect more, fitted from these values."""
+    candidate = scene.candidate(name)
+    whole = with_candidate(state.model, f"{name}_1", candidate)
+    values = dict(zip(state.model.names, state.fit.theta.tolist(), strict=True))
+    values |= {f"{name}_1.{key}": value for key, value in start.items()}
+    place = whole.space.to_cube(torch.tensor([values[one] for one in whole.names], dtype=torch.float64))
+    hypothesis = Hypothesis(candidate, f"{name}_1", fit(scene.bench, whole, place[None], wide=False))
+    naming = Naming(hypothesis, choose([hypothesis]), state.fit, (hypothesis,))
+    return State(whole, hypothesis.fit, (*state.named, naming), state)
+
+
+@torch.no_grad()
+def test_a_spring_and_a_dashpot_at_one_place_are_one_support(lab):
+    scene = lab.Scene(hidden={"wire": (9e3, 6.0)})
+    x, y = lab.spot
+    first = named_after(scene, scene.state, "ground_spring", x=x, y=y, stiffness=8e3)
+    both = named_after(scene, first, "ground_dashpot", x=x, y=y, viscous_damping=5.0)
+    assert both.fit.reduced_misfit < 1.1
+    said: list[str] = []
+    hindsight = Hindsight(scene.bench, scene.look, {}, said.append)
+    found = hindsight._as_one_support(both)
+    assert [one.hypothesis.name for one in found.named] == ["support_spring"]
+    assert found.fit.reduced_misfit < 1.1
+    values = dict(zip(found.model.names, found.fit.theta.tolist(), strict=True))
+    assert values["support_spring_1.stiffness"] == pytest.approx(9e3, rel=0.03)
+    assert values["support_spring_1.viscous_damping"] == pytest.approx(6.0, rel=0.1)
+    assert not any(name.startswith("ground") for name in found.model.names)
+    # Alone, or at another place, it stays what it is.
+    assert hindsight._as_one_support(first) is first
+    theta = both.fit.theta.clone()
+    theta[both.model.names.index("ground_dashpot_1.x")] += 0.05
+    apart = replace(both, fit=both.fit._replace(theta=theta))
+    assert hindsight._as_one_support(apart) is apart

@@ -1,5 +1,6 @@
 """What earlier names are once the later ones are known: kept, replaced by what fits better now, or taken out again."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ from torchplate.diagnosis.fit import Fit, Prior, fit
 from torchplate.diagnosis.look import GROUNDED, Look
 from torchplate.diagnosis.naming import Hypothesis, choose, is_needed
 from torchplate.diagnosis.state import Naming, State
+from torchplate.diagnosis.supports import NEAR_NODE, supports_at
 from torchplate.diagnosis.workbench import Workbench, with_candidate, without_candidate
 from torchplate.model import PlateModel
 
@@ -35,6 +37,7 @@ class Hindsight:
         """The names that are left where each is judged beside the others, if there are several."""
         if len(state.named) < 2:
             return state
+        state = self._as_one_support(state)
         found = self.beside_the_others(state, len(state.named) - 1)
         found = self.without_needless(found, self.bench, found.named)
         if [one.hypothesis.name for one in found.named] != [one.hypothesis.name for one in state.named]:
@@ -94,6 +97,33 @@ class Hindsight:
         found = fit(self.bench, model, start, self.prior, wide=False, hopeless=limit)
         self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
         return replace(rival, fit=found)
+
+    def _as_one_support(self, state: State) -> State:
+        """A spring and a dashpot to the ground at one place are a further support there, if that is as good."""
+        pair = {one.hypothesis.name: one for one in state.named if one.hypothesis.name in GROUNDED}
+        values = dict(zip(state.model.names, state.fit.theta.tolist(), strict=True))
+        places = [[values[f"{one.hypothesis.label}.{key}"] for key in ("x", "y")] for one in pair.values()]
+        if len(pair) < len(GROUNDED) or math.dist(*places) > NEAR_NODE:
+            return state
+        spring, dashpot = pair["ground_spring"], pair["ground_dashpot"]
+        alone = self._without(self._without(state, dashpot), spring)
+        strength = [
+            values[f"{spring.hypothesis.label}.stiffness"],
+            values[f"{dashpot.hypothesis.label}.viscous_damping"],
+        ]
+        supports = [
+            self.look.refitted(alone.model, candidate, alone.fit.theta)
+            for candidate in supports_at(alone.model, alone.fit.theta, *places[0], *strength)
+        ]
+        best = min(supports, key=lambda one: one.cost)
+        if best.cost > state.fit.cost + spring.hypothesis.price + dashpot.hypothesis.price:
+            return state
+        self.say("support_spring in place of ground_spring and ground_dashpot")
+        choice = choose([best, spring.hypothesis, *spring.rivals], best)
+        rest = [one for one in state.named if one is not dashpot]
+        one = replace(spring, hypothesis=best, choice=choice, again=choice)
+        named = tuple(one if other is spring else other for other in rest)
+        return replace(state, model=with_candidate(alone.model, best.label, best.candidate), fit=best.fit, named=named)
 
     @staticmethod
     def _without(state: State, naming: Naming) -> State:

@@ -248,13 +248,15 @@ class Look:
         tighter = tighter_at(state.model, theta, at["x"], at["y"], at["stiffness"])
         if tighter is not None:
             found = replace(found, surprise=tighter.surprise)
-        refitted = []
-        for candidate in [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values()):
-            label = new_label(state.model, candidate.name)
-            whole = with_candidate(state.model, label, candidate)
-            start = start_of(whole, theta, state.model, candidate.far[0].values, label)
-            refitted.append(self._refit(state.model, candidate, label, start[None]))
-        return found, refitted
+        wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
+        return found, [self.refitted(state.model, candidate, theta) for candidate in wanted]
+
+    def refitted(self, model: PlateModel, candidate: Candidate, theta: Tensor) -> Hypothesis:
+        """A candidate in a model with these parameters, fitted from its trials."""
+        label = new_label(model, candidate.name)
+        whole = with_candidate(model, label, candidate)
+        starts = [start_of(whole, theta, model, trial.values, label) for trial in candidate.far]
+        return self._refit(model, candidate, label, torch.stack(starts))
 
     def _refit(
         self, model: PlateModel, candidate: Candidate, label: str, starts: Tensor, hopeless: float = math.inf

@@ -47,12 +47,15 @@ def supports_at(
     chosen += [{"at": ((x, y),)}] if away >= NEAR_NODE else []
     kind = CATALOGUE["support_spring"]
     plan = model.plan(theta)
-    wanted, start = {}, {}
+    wanted, start, middle = {}, {}, {}
     for name, value in (("stiffness", stiffness), ("viscous_damping", viscous)):
         interval = kind.parameters[name].prior_interval(plan.section, plan.geometry)
         wanted[name] = Searched(interval.low, interval.high, True)
         start[name] = min(max(value, 1.01 * interval.low), 0.99 * interval.high)
-    return [Candidate(kind(**options), options, wanted, {}, (Trial(start, *BELIEVED),)) for options in chosen]
+        # What was not there may be anything: next to nothing, and the middle.
+        middle[name] = start[name] if value > interval.low else math.sqrt(interval.low * interval.high)
+    trials = tuple(Trial(values, *BELIEVED) for values in (start, middle))
+    return [Candidate(kind(**options), options, wanted, {}, trials) for options in chosen]
 
 
 def tighter_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: float) -> Tighter | None:
