@@ -107,7 +107,7 @@ def _named(bench: Workbench, naming: Naming, last: State) -> Named:
     alike = f"; these data cannot tell it from {' or '.join(equivalent)}" if equivalent else ""
     text = (
         f"{hypothesis.name} ({_values(parameters, hypothesis)}) takes the gap from {_percent(before)} to "
-        f"{_percent(after)}{against}{alike}.{_chance(naming)}"
+        f"{_percent(after)}{against}{alike}{_chance(naming)}."
     )
     return Named(
         name=hypothesis.name,
@@ -128,8 +128,8 @@ def _chance(naming: Naming) -> str:
         return ""
     fall = naming.before.cost - naming.hypothesis.cost
     return (
-        f" It takes {fall:.3g} from the sum of squares; where nothing is missing, the best of the catalogue takes "
-        f"{naming.by_chance:.3g} once in a hundred times."
+        f"; it takes {fall:.3g} from the sum of squares, of which the best of the catalogue takes {naming.by_chance:.3g} "
+        "once in a hundred times where nothing is missing"
     )
 
 
