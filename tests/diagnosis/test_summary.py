@@ -103,8 +103,8 @@ def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):
     naming = replace(naming, before=before.state.fit, by_chance=123.4)
     fall = before.state.fit.cost - naming.hypothesis.cost
     assert _chance(naming) == (
-        f"; it takes {fall:.3g} from the sum of squares, of which the best of the catalogue takes 123 once in a hundred "
-        "times where nothing is missing"
+        f"; it takes {fall:.3g} from the sum of squares, of which the best of the catalogue takes 123 once in a "
+        "hundred times where nothing is missing"
     )
     # Where far more is left than chance makes, it was not asked.
     assert _chance(replace(naming, by_chance=0.0)) == ""

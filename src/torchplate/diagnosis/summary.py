@@ -128,8 +128,8 @@ def _chance(naming: Naming) -> str:
         return ""
     fall = naming.before.cost - naming.hypothesis.cost
     return (
-        f"; it takes {fall:.3g} from the sum of squares, of which the best of the catalogue takes {naming.by_chance:.3g} "
-        "once in a hundred times where nothing is missing"
+        f"; it takes {fall:.3g} from the sum of squares, of which the best of the catalogue takes "
+        f"{naming.by_chance:.3g} once in a hundred times where nothing is missing"
     )
 
 
