@@ -18,8 +18,10 @@ from torchplate.diagnosis.workbench import Workbench
 from torchplate.model import PlateModel
 from torchplate.search.least_squares import least_squares
 
-# Iterations at each wide level, and at the sharp one.
-N_WIDE, N_SHARP = 6, 12
+# Iterations at the wide levels, where it is enough to see which starts lead somewhere; and at the sharp one.
+N_WIDE, N_SHARP = (3, 4, 6), 12
+# Of several starts the best goes on alone after so many sharp ones.
+N_TOGETHER = 5
 # Damping of the steps at the end, where something is known beforehand: valleys that only this makes unlevel are long.
 FREE = 1e-9
 # Bases built for one fit at most, and the relative change of the misfit at which the last is good.
@@ -89,6 +91,7 @@ class Problem:
 
     def __init__(self, bench: Workbench, model: PlateModel, prior: Prior) -> None:
         self.bench, self.model = bench, model
+        self._roughly = model.without_coupling()
         known = [(model.names.index(name), *told) for name, told in prior.items() if name in model.names]
         self._index = [index for index, _, _ in known]
         self._mean, self._std = (model.known.new_tensor([row[k] for row in known]) for k in (1, 2))
@@ -110,8 +113,9 @@ class Problem:
         noise.
         """
         theta = self.model.space.to_si(position)
-        found = self.target.residual(self.bench.predict(self.model, theta), level)
         sharp = level == self.target.levels - 1
+        model = self.model if sharp else self._roughly
+        found = self.target.residual(self.bench.predict(model, theta, level), level)
         if not self._index or (not sharp and self.target.believes_the_model):
             return found
         # Where the level of what is left is not known, it scales what is known beforehand.
@@ -138,18 +142,34 @@ class Problem:
         )
         return found.position, found.objective, found.jacobian
 
+    def descend_sharply(
+        self, start: Float[Tensor, "n_start n"]
+    ) -> tuple[Float[Tensor, "n_end n"], Float[Tensor, " n_end"], Float[Tensor, "n_end n_residual n"]]:
+        """Where least squares ends at the sharp level, from the best of several starts to the end."""
+        level = self.target.levels - 1
+        if len(start) == 1:
+            return self.descend(start, level, N_SHARP)
+        places, values, _ = self.descend(start, level, N_TOGETHER)
+        return self.descend(places[values.argmin()][None], level, N_SHARP - N_TOGETHER)
+
 
 def widely(
     problem: Problem, start: Float[Tensor, "n_start n"], keep: int = 1
 ) -> tuple[Float[Tensor, "n_kept n"], Float[Tensor, " n_kept"]]:
     """The best ends of several starts after all wide levels, best first, and their sums of squares at the last."""
-    levels = range(problem.target.levels - 1)
     value = start.new_zeros(len(start))
-    for level in levels:
-        start, value, _ = problem.descend(start, level, N_WIDE)
-        kept = value.argsort()[: max(keep, len(start) // 2)]
-        start, value = start[kept], value[kept]
+    for level in range(problem.target.levels - 1):
+        start, value = one_level(problem, start, level, keep)
     return start[:keep], value[:keep]
+
+
+def one_level(
+    problem: Problem, start: Float[Tensor, "n_start n"], level: int, keep: int
+) -> tuple[Float[Tensor, "n_kept n"], Float[Tensor, " n_kept"]]:
+    """The better half of the ends at one wide level, `keep` of them at least, and half their sums of squares."""
+    end, value, _ = problem.descend(start, level, N_WIDE[level])
+    kept = value.argsort()[: max(keep, len(start) // 2)]
+    return end[kept], value[kept]
 
 
 def fit(
@@ -184,7 +204,7 @@ def fit(
         starts = start if turn == 0 else position[None]
         if turn == 0 and wide and bench.target.levels > 1:
             starts, _ = widely(problem, starts, keep=2)
-        places, values, jacobian = problem.descend(starts, bench.target.levels - 1, N_SHARP)
+        places, values, jacobian = problem.descend_sharply(starts)
         best = int(values.argmin())
         before, value = value, float(values[best])
         moved = (places[best] - position).abs().max()

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.candidate import Candidate, Channels, candidates
-from torchplate.diagnosis.fit import Prior, Problem, fit, widely
+from torchplate.diagnosis.fit import Prior, Problem, fit, one_level, widely
 from torchplate.diagnosis.localise import UNIT, missing_force
 from torchplate.diagnosis.naming import LITTLE, Hypothesis, is_noise
 from torchplate.diagnosis.null import drawn, once_in_a_hundred
@@ -20,8 +20,9 @@ from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.workbench import Workbench, with_candidate
 from torchplate.model import PlateModel
 
-# Candidates that go down the wide levels, by name, and that are refitted sharply: within so much of the best.
-N_WIDE, N_SHARP, NEAR = 6, 5, 6.0
+# Candidates that go down the wide levels, by name, and that are refitted sharply. Two go on from each level, and others
+# that leave no more than so many times as much as the best.
+N_WIDE, N_SHARP, NEAR = 8, 5, 6.0
 # What promises less than this part of the best is not refitted; and where peaks overlap and the best promises so much
 # of the misfit, wide levels are not asked.
 FAINT, DECIDED = 0.05, 0.5
@@ -42,6 +43,8 @@ HOPELESS = 30.0
 CAME_NEAR, N_AGAIN = 0.9, 3
 # Hypotheses this close to the best are refitted from where they ended; so are the best where more than noise is left.
 RUN_OFF, RUN_OFF_PART, N_RUN_OFF, N_FURTHER = 100.0, 0.03, 3, 2
+# Where it leaves so many times as much as a support may, it is none.
+FAR = 100.0
 # What sits at a place and goes to the ground.
 GROUNDED = frozenset({"ground_spring", "ground_dashpot"})
 
@@ -215,23 +218,27 @@ class Look:
         return found
 
     def _down(self, state: State, promises: Sequence[Scored]) -> list[tuple[Scored, Tensor]]:
-        """Candidates taken down the wide levels; those that end near the best, with where they end."""
-        ends = []
+        """Candidates taken down the wide levels; those that stay near the best, with where they end."""
         given = state.fit.model
         edge = given.space.at_bound(state.fit.theta).tolist()
         stuck = [name for name, on in zip(given.names, edge, strict=True) if on]
+        ways: list[tuple[float, Scored, Tensor]] = []
         for promise in promises:
             starts = promise.starts
             if stuck:
-                # On the edge of its interval it stands in for what is missing: also from the middle.
-                free = starts.clone()
+                # On the edge of its interval it stands in for what is missing: the better starts also from the middle.
+                free = starts[: (len(starts) + 1) // 2].clone()
                 free[:, [promise.model.names.index(name) for name in stuck]] = 0.5
                 starts = torch.cat([starts, free])
-            starts, value = widely(Problem(self.bench, promise.model, self.prior), starts, keep=2)
-            ends.append((float(value[0]), promise, starts))
-        ends.sort(key=lambda one: one[0])
-        kept = [one for rank, one in enumerate(ends[:N_SHARP]) if rank < 2 or one[0] <= NEAR**2 * ends[0][0]]
-        return [(promise, starts) for _, promise, starts in kept]
+            ways.append((0.0, promise, starts))
+        for level in range(self.bench.target.levels - 1):
+            ends = []
+            for _, promise, starts in ways:
+                starts, value = one_level(Problem(self.bench, promise.model, self.prior), starts, level, keep=2)
+                ends.append((float(value[0]), promise, starts))
+            ends.sort(key=lambda one: one[0])
+            ways = [one for rank, one in enumerate(ends) if rank < 2 or one[0] <= NEAR * ends[0][0]]
+        return [(promise, starts[:2]) for _, promise, starts in ways[:N_SHARP]]
 
     def as_supports(self, state: State, found: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
         """What is grounded at a place, with the price of ending at a support; and the supports that it may be.
@@ -242,6 +249,8 @@ class Look:
             state: without it.
             found: with it.
         """
+        if found.fit.reduced_misfit > FAR * LITTLE:
+            return found, []
         values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
         at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", "stiffness", "viscous_damping")}
         theta = torch.tensor([values[name] for name in state.model.names]).to(state.fit.theta)

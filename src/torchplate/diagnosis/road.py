@@ -38,7 +38,9 @@ LARGE_PART, SEEN_PART = 0.5, 0.9
 # A second effect is looked for beside one that leaves at most this part of the gap, or of what spoke against the model,
 # more where it has no number to be fitted; and beside the second best too, if no more than so many times as much speaks
 # against it.
-SMALLER_GAP, SMALLER_COST, SMALLER_COST_WITHOUT_NUMBER, BESIDE = 0.75, 0.5, 0.75, 6.0
+SMALLER_GAP, SMALLER_COST, SMALLER_COST_WITHOUT_NUMBER, BESIDE = 0.75, 0.5, 0.75, 2.0
+# Nothing is looked for beside the second best once so many members were evaluated: it seldom is worth as long again.
+ENOUGH = 9000
 # A pair that leaves at most this part of what its first effect alone does is judged again before others are looked for.
 MUCH_LESS = 0.1
 # Mean square up to which the mesh may be what is left; and gaps, in noise floors, below which what closed them may have
@@ -279,7 +281,9 @@ class Road:
             if is_needed(state.fit, other, look.by_chance) and self._explains_some(state.fit, other, by_cost=True):
                 beam.append(self._added(state, choose(ranked, other), look))
         best: State | None = None
-        for start in beam:
+        for rank, start in enumerate(beam):
+            if rank and self.bench.n_evaluation > ENOUGH:
+                break
             names = " + ".join(one.hypothesis.name for one in start.named)
             self.say(f"{names} leaves {start.fit.reduced_misfit:.3g}: looking for what else is missing")
             more = self.look.at(start)

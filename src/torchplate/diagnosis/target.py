@@ -28,8 +28,9 @@ SHARP = len(WIDTHS)
 PER_WIDTH = 1.3
 # Mean square of the baseline's residuals where the model is doubted.
 DOUBTFUL = 12.0
-# FRFs that are smoothed, at most.
+# FRFs that are smoothed, at most; and every how many-th line is, so that there are no fewer than this.
 MOST_MIXED = 10
+LEAST_SMOOTHED = 350
 # What the basis and the solver leave, relative to the FRF; and what the mesh leaves of the modes' deflections and of
 # the static flexibility, relative to the level around a line: at the low and at the high end of the band.
 ROUNDING = 5e-4
@@ -72,12 +73,12 @@ class Target(ABC):
         """
 
     @abstractmethod
-    def predict(self, model: PlateModel, theta: Tensor) -> Tensor:
-        """What the model says of it."""
+    def predict(self, model: PlateModel, theta: Tensor, level: int | None = None) -> Tensor:
+        """What the model says of it; at a level, of what is looked at there."""
 
     @abstractmethod
     def residual(self, prediction: Tensor, level: int) -> Float[Tensor, "*batch n_residual"]:
-        """Deviations on the fitted part, as real numbers, at a level."""
+        """Deviations of a prediction for this level on the fitted part, as real numbers."""
 
     @abstractmethod
     def misfit(self, prediction: Tensor) -> Misfit:
@@ -124,7 +125,9 @@ class FrfTarget(Target):
         self._around: Tensor | None = None
         self._deflection_variance = torch.zeros_like(noise.std)
         self._shift, self._mode = torch.zeros_like(self.frequency), torch.zeros(len(self.frequency), dtype=torch.int64)
-        self._filters = [_kernel(self.frequency, _centres(self.frequency, width), width) for width in WIDTHS]
+        self._every = max(1, len(self.frequency) // LEAST_SMOOTHED)
+        smoothed = self.frequency[:: self._every]
+        self._filters = [_kernel(smoothed, _centres(smoothed, width), width) for width in WIDTHS]
         self.hold_out(heldout)
 
     def hold_out(self, heldout: Bool[Tensor, "n_response n_reference"]) -> None:
@@ -142,12 +145,12 @@ class FrfTarget(Target):
             self._mix = torch.eye(count).to(self.measured)
 
     def _level_scale(self, width: float) -> Float[Tensor, "n_frequency n_response n_reference"]:
-        """One over the smoothed size of each FRF: so that every band weighs alike."""
+        """One over the smoothed size of each FRF at the lines that are smoothed: so that every band weighs alike."""
         kernel = _kernel(self.frequency, self.frequency, width)
         power = kernel.abs().square() @ self.measured.abs().square().flatten(1)
         power = power.unflatten(1, self.measured.shape[1:])
         floor = 1e-3 * power.mean(0)
-        return self.fitted / (power + floor).sqrt().clamp(min=1e-300)
+        return (self.fitted / (power + floor).sqrt().clamp(min=1e-300))[:: self._every]
 
     def set_model_error(
         self,
@@ -209,21 +212,24 @@ class FrfTarget(Target):
         floor = 1e-12 * self.measured.abs().square().mean(0)
         return self.noise.std.square() + self.model_variance + floor
 
-    def predict(self, model: PlateModel, theta: Tensor) -> Tensor:
-        """FRFs of the measured channels, at the fitted level where the measurement has none."""
-        found = model.frf(theta, self.frequency)
+    def predict(self, model: PlateModel, theta: Tensor, level: int | None = None) -> Tensor:
+        """FRFs of the measured channels, at the fitted level where the measurement has none; at a wide level, of the
+        lines that are smoothed.
+        """
+        every = self._every if level in range(SHARP) else 1
+        found, measured = model.frf(theta, self.frequency[::every]), self.measured[::every]
         if self.gain_is_unknown:
-            weight = torch.where(self.fitted, 1 / self.measured.abs().square().sum(0).clamp(min=1e-300), 0.0)
-            above = (weight * (found.conj() * self.measured).real).sum((-3, -2, -1))
+            weight = torch.where(self.fitted, 1 / measured.abs().square().sum(0).clamp(min=1e-300), 0.0)
+            above = (weight * (found.conj() * measured).real).sum((-3, -2, -1))
             below = (weight * found.abs().square()).sum((-3, -2, -1))
             found = found * (above / below.clamp(min=1e-300))[..., None, None, None]
         return found
 
     def residual(self, prediction: Tensor, level: int) -> Tensor:
         """Deviations of the fitted FRFs: smoothed, or over their standard deviation at the sharp level."""
-        off = self.measured - prediction
         if level == SHARP:
-            return self._weighed(off)
+            return self._weighed(self.measured - prediction)
+        off = self.measured[:: self._every] - prediction
         kept = self._filters[level].to(off) @ ((off * self._scales[level])[..., self.fitted] @ self._mix)
         return torch.view_as_real(kept).flatten(-3)
 
@@ -300,7 +306,7 @@ class FrequencyTarget(Target):
         square = self.misfit(prediction)
         self.std = self.std * (float(square.fitted) / square.n_fitted / DOUBTFUL) ** 0.5
 
-    def predict(self, model: PlateModel, theta: Tensor) -> Tensor:
+    def predict(self, model: PlateModel, theta: Tensor, level: int | None = None) -> Tensor:  # noqa: ARG002
         """The natural frequencies of the same modes [Hz]."""
         return model.natural_frequencies(theta, int(self.mode.max()) + 1)[..., self.mode]
 

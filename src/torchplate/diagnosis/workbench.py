@@ -101,10 +101,12 @@ class Workbench:
             return model.projected(basis)
         return on_mesh(model, Assembly(self.mesh, basis, by_element, model.assembly.correction))
 
-    def predict(self, model: PlateModel, theta: Float[Tensor, "*batch n_parameter"]) -> Tensor:
-        """What a model says of the target."""
+    def predict(
+        self, model: PlateModel, theta: Float[Tensor, "*batch n_parameter"], level: int | None = None
+    ) -> Tensor:
+        """What a model says of the target; at a level, of what is looked at there."""
         self.n_evaluation += theta.shape[:-1].numel()
-        return self.target.predict(model, theta)
+        return self.target.predict(model, theta, level)
 
     def expect_mesh_error(self, found: Extrapolated) -> None:
         """Let the target weigh its lines by what this mesh leaves of its error.

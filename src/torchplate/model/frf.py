@@ -82,7 +82,8 @@ def receptance(
         reference: modal deflections at the references [1/√kg].
         dashpot: modal deflections at the dashpots [1/√kg].
         viscous: coefficients of the dashpots [N s/m].
-        hysteretic: ΦᵀHΦ of elements with a loss of their own; it couples the modes, so each line is solved.
+        hysteretic: ΦᵀHΦ of elements with a loss of their own; where it couples the modes, complex modes are solved
+            for, or each line.
     """
     if hysteretic is not None:
         return _solve_modal(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, hysteretic)
@@ -197,7 +198,10 @@ def _solve_modal(
     viscous: Tensor,
     hysteretic: Tensor,
 ) -> Tensor:
-    """α where the damping couples the modes: complex modes where these are the same at all lines, else solves."""
+    """α where the damping may couple the modes: complex modes where these are the same at all lines, else solves."""
+    if _is_diagonal(hysteretic):
+        own_loss = hysteretic.diagonal(dim1=-2, dim2=-1)
+        return _by_uncoupled_modes(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, own_loss)
     if _has_complex_modes(proportional, eigenvalue, hysteretic):
         return _by_complex_modes(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, hysteretic)
     coupling = (dashpot.mT @ (viscous[..., None] * dashpot))[..., None, :, :]
@@ -212,6 +216,14 @@ def _solve_modal(
     return joined(parts, -3)
 
 
+def _is_diagonal(hysteretic: Tensor) -> bool:
+    """Whether it couples no modes; under `vmap` nobody may look."""
+    try:
+        return not bool((hysteretic - torch.diag_embed(hysteretic.diagonal(dim1=-2, dim2=-1))).any())
+    except RuntimeError:
+        return False
+
+
 def _has_complex_modes(proportional: Proportional, *matrices: Tensor) -> bool:
     """Whether the same complex modes serve all lines: K is times one number at all of them."""
     if torch.is_grad_enabled():
@@ -223,6 +235,31 @@ def _has_complex_modes(proportional: Proportional, *matrices: Tensor) -> bool:
     except RuntimeError:
         # Under `vmap` nobody may look.
         return False
+
+
+def _by_uncoupled_modes(
+    eigenvalue: Tensor,
+    proportional: Proportional,
+    laplace: Tensor,
+    response: Tensor,
+    reference: Tensor,
+    dashpot: Tensor,
+    viscous: Tensor,
+    own_loss: Tensor,
+) -> Tensor:
+    """Z(s) without the dashpots is diagonal: d_r(s) + i h_r, h what each mode loses by itself."""
+    left, right = stack_rows(dashpot, response), stack_rows(dashpot, reference)
+    pairs = (left[..., :, None, :] * right[..., None, :, :]).flatten(-3, -2)
+    parts = []
+    for s in laplace.split(LINES_AT_ONCE if laplace.device.type == "cpu" else laplace.shape[-1], dim=-1):
+        real, imaginary = modal_denominator(eigenvalue, proportional, s)
+        imaginary = imaginary + own_loss[..., None, :]
+        scale = 1 / torch.addcmul(imaginary * imaginary, real, real)
+        found = torch.complex(pairs @ (real * scale).mT, -(pairs @ (imaginary * scale).mT))
+        found = found.unflatten(-2, (left.shape[-2], right.shape[-2])).movedim((-3, -2), (0, 1))
+        force = terms_first(viscous, found.ndim - 3) * s
+        parts.append(attach(found, force.expand(len(force), *found.shape[2:])))
+    return joined(parts, -1).movedim((0, 1), (-2, -1))
 
 
 def _by_complex_modes(

@@ -272,7 +272,14 @@ class Assembly(nn.Module):
         coefficient = coefficient.expand(*coefficient.shape[:-2], self.mesh.n_element, coefficient.shape[-1])
         each = self.elements if which.start == 0 else self.element_masses
         if each is not None:
-            return (coefficient.mT.flatten(-2) @ each)[..., self.mirror]
+            # What is the same in all elements is one product for all of them: a patch then costs its own elements.
+            apart = coefficient - coefficient[..., :1, :]
+            found = self._assemble(coefficient[..., :1, :], pattern, which)
+            some = _not_zero(apart)
+            if some is not None:
+                apart = apart[..., some, :]
+                each = each.unflatten(0, (-1, self.mesh.n_element))[:, some].flatten(0, 1)
+            return found + (apart.mT.flatten(-2) @ each)[..., self.mirror]
         matrices = torch.einsum("...ek,kpq->...epq", coefficient, pattern)
         return self._scatter(matrices) if self.basis is None else self._project(matrices)
 
@@ -298,6 +305,21 @@ class Assembly(nn.Module):
         """The basis at the dofs of each element; zero where they are held."""
         assert self.basis is not None
         return torch.cat([self.basis, self.basis.new_zeros(1, self.size)])[self.position]
+
+
+def _not_zero(coefficient: Float[Tensor, "*batch n_element n_pattern"]) -> Tensor | None:
+    """The elements of which a coefficient of any member is not zero; None where these are most, or nobody may look."""
+    try:
+        some = (
+            coefficient.detach().ne(0).any(-1).flatten(0, -2).any(0)
+            if coefficient.ndim > 2
+            else (coefficient.detach().ne(0).any(-1))
+        )
+        found = torch.nonzero(some).flatten()
+    except RuntimeError:
+        # Under `vmap`.
+        return None
+    return found if 2 * len(found) < coefficient.shape[-2] else None
 
 
 def concatenate(parts: Sequence[Tensor], n_last: int) -> Tensor:
