@@ -213,8 +213,9 @@ class FrfTarget(Target):
         return self.noise.std.square() + self.model_variance + floor
 
     def predict(self, model: PlateModel, theta: Tensor, level: int | None = None) -> Tensor:
-        """FRFs of the measured channels, at the fitted level where the measurement has none; at a wide level, of the
-        lines that are smoothed.
+        """FRFs of the measured channels, at the fitted level where the measurement has none.
+
+        At a wide level they are those of the lines that are smoothed.
         """
         every = self._every if level in range(SHARP) else 1
         found, measured = model.frf(theta, self.frequency[::every]), self.measured[::every]
