@@ -56,11 +56,12 @@ def test_the_best_are_followed_as_long_as_that_takes_them_further(scene, monkeyp
 def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, monkeypatch):
     starts = []
 
-    def descend(_problem, start, **_):
-        starts.append(start)
+    def descend(_problem, start, level, **_):
+        if level == 0:
+            starts.append(start)
         return start, start[:, 0]
 
-    monkeypatch.setattr(module, "widely", descend)
+    monkeypatch.setattr(module, "one_level", descend)
     for young, on_edge in ((2.1e11, False), (2.29999e11, True)):
         scene = lab.Scene(young)
         base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
@@ -69,7 +70,7 @@ def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, m
         scene.look._down(scene.state, every)
         (tried,) = starts
         column = every[0].model.names.index("plate.youngs_modulus")
-        assert (len(tried) == 2 * len(every[0].starts)) == on_edge
+        assert (len(tried) > len(every[0].starts)) == on_edge
         assert bool((tried[:, column] == 0.5).any()) == on_edge
         assert torch.equal(tried[: len(every[0].starts)], every[0].starts)
 
