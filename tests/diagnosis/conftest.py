@@ -152,7 +152,7 @@ class Scene:
         model = (state or self.state).model
         candidate = self.candidate(name)
         whole = with_candidate(model, f"{name}_1", candidate)
-        place = torch.full((1, len(whole.names)), start, dtype=torch.float64)
+        place = torch.zeros(1, len(whole.names), dtype=torch.float64) + torch.as_tensor(start, dtype=torch.float64)
         return Hypothesis(candidate, f"{name}_1", fit(self.bench, whole, place, wide=False))
 
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.fit import N_TOGETHER, Problem, fit
 from torchplate.diagnosis.noise import Noise
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.workbench import Workbench
@@ -155,3 +155,24 @@ def test_a_hopeless_fit_ends_with_its_first_basis(bench, plate, monkeypatch):
     bases.clear()
     assert torch.equal(fit(bench, bench.given, start, wide=False, hopeless=1e12).theta, whole.theta)
     assert len(bases) == n_whole
+
+
+@torch.no_grad()
+def test_of_several_starts_the_best_goes_to_the_end_alone(bench, plate, truth, monkeypatch):
+    problem, near = Problem(bench, bench.given, {}), plate.space.to_cube(truth)
+    starts = torch.stack([torch.tensor([0.05, 0.9, 0.9], dtype=torch.float64), near + 0.03, near - 0.15])
+    asked = []
+    descend = Problem.descend
+
+    def told(self, start, level, n_iteration, *others):
+        asked.append((len(start), n_iteration))
+        return descend(self, start, level, n_iteration, *others)
+
+    monkeypatch.setattr(Problem, "descend", told)
+    (place,), (value,), (jacobian,) = problem.descend_sharply(starts)
+    assert asked[0] == (3, N_TOGETHER)
+    assert [count for count, _ in asked] == [3, 1]
+    (alone,), (least,), _ = problem.descend(starts[1:2], bench.target.levels - 1, 12)
+    assert float(value) == pytest.approx(float(least), rel=1e-3)
+    assert torch.allclose(place, alone, atol=2e-3)
+    assert jacobian.shape[-1] == 3

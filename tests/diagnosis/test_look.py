@@ -107,3 +107,42 @@ def test_what_took_less_than_it_promised_is_looked_for_farther_off(scene):
     stuck = Hypothesis(gain.candidate, gain.label, gain.fit._replace(misfit=halfway))
     assert not module._kept([promise], [stuck], scene.state)
     assert not module._kept([promise], [], scene.state)
+
+
+@torch.no_grad()
+def test_what_falls_behind_at_a_wide_level_goes_down_no_further_but_for_the_best_two(scene, monkeypatch):
+    base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    names = ("sensor_gain", "point_mass", "density", "thickness")
+    every = screen(scene.bench, base, scene.fit.theta, [scene.candidate(name) for name in names], {})
+    ended = {
+        "sensor_gain": (10.0, 1.0, 1.0),
+        "point_mass": (11.0, 5.9, 30.0),
+        "density": (59.0, 6.1, 0.0),
+        "thickness": (61.0, 0.0, 0.0),
+    }
+    asked = []
+
+    def descend(problem, start, level, keep):
+        (promise,) = [one for one in every if one.model is problem.model]
+        asked.append((level, promise.candidate.name))
+        return start, torch.full_like(start[:, 0], ended[promise.candidate.name][level])
+
+    monkeypatch.setattr(module, "one_level", descend)
+    kept = scene.look._down(scene.state, every)
+    went = [{name for level, name in asked if level == wanted} for wanted in range(3)]
+    # Six times the best is near enough; and of what is left two go on, however far off the second is.
+    assert went == [set(names), {"sensor_gain", "point_mass", "density"}, {"sensor_gain", "point_mass"}]
+    assert [promise.candidate.name for promise, _ in kept] == ["sensor_gain", "point_mass"]
+    assert all(len(starts) == min(2, len(promise.starts)) for promise, starts in kept)
+
+
+@torch.no_grad()
+def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
+    scene = lab.Scene(hidden={"wire": (700.0, 0.2)})
+    spring = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
+    priced, supports = scene.look.as_supports(scene.state, spring)
+    assert "support_spring" in {one.name for one in supports}
+    left = spring.fit.misfit._replace(fitted=torch.tensor(1e6, dtype=torch.float64))
+    hopeless = Hypothesis(spring.candidate, spring.label, spring.fit._replace(misfit=left))
+    assert scene.look.as_supports(scene.state, hopeless) == (hopeless, [])
+    assert priced.label == spring.label

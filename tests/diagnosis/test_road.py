@@ -11,9 +11,9 @@ import torch
 
 import torchplate as tp
 from torchplate.diagnosis.fit import fit
-from torchplate.diagnosis.naming import Hypothesis
+from torchplate.diagnosis.naming import Choice, Hypothesis
 from torchplate.diagnosis.road import Road
-from torchplate.diagnosis.state import State
+from torchplate.diagnosis.state import Looked, State
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.measurement import NaturalFrequencies
 from torchplate.model import PlateModel, Searched, extrapolate
@@ -329,3 +329,23 @@ def test_a_second_effect_is_looked_for_beside_what_explains_some(lab):
     # Beside the best, a smaller gap alone is not enough.
     assert not road._explains_some(before, after("point_mass", 0.36, 900.0), by_cost=True)
     assert road._explains_some(before, after("point_mass", 0.49, 480.0), by_cost=True)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(("n_evaluation", "n_look"), [(100, 2), (1_000_000, 1)], ids=["begun", "long since"])
+def test_after_a_long_search_nothing_is_looked_for_beside_the_second_best(lab, monkeypatch, n_evaluation, n_look):
+    scene = lab.Scene()
+    road = Road(scene.bench.given, scene.bench.target, {}, lambda _: None)
+
+    def half(name: str, part: float):
+        one = scene.hypothesis(name)
+        misfit = scene.fit.misfit._replace(fitted=part * scene.fit.misfit.fitted)
+        return Hypothesis(one.candidate, one.label, one.fit._replace(misfit=misfit, believed=True, prior=0.0))
+
+    look = Looked((), (half("point_mass", 0.3), half("density", 0.4)))
+    seen = []
+    monkeypatch.setattr(road.look, "at", lambda state: seen.append(state) or Looked((), ()))
+    road.bench.n_evaluation = n_evaluation
+    single = road._added(scene.state, Choice(look.hypotheses[0], (), None, 1.0), look)
+    assert road._pairs(scene.state, look, single, []) == (None, None)
+    assert [state.named[-1].hypothesis.name for state in seen] == ["point_mass", "density"][:n_look]

@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from torchplate.diagnosis import target as module
 from torchplate.diagnosis.noise import Noise
 from torchplate.diagnosis.target import FrequencyTarget, FrfTarget
 from torchplate.discrepancy.measure import Measured
@@ -178,6 +179,29 @@ def test_a_pair_that_was_not_measured_counts_nowhere(lab, plate, true):
         assert torch.equal(here.residual(changed, level), here.residual(frf, level))
     assert torch.equal(here.gap(changed), here.gap(frf))
     assert here.misfit(changed) == here.misfit(frf)
+
+
+def test_many_lines_are_thinned_where_they_are_smoothed(lab, plate, monkeypatch):
+    """Twice as many lines as that takes: a wide level sees every other one, and says the same of the model."""
+    monkeypatch.setattr(module, "LEAST_SMOOTHED", 400)
+    lines = torch.linspace(10.0, 340.0, 801, dtype=torch.float64)
+    theta = TRUE * torch.tensor([[1.0], [1.02], [1.1]], dtype=torch.float64)
+    every = plate.frf(theta, lines)
+    std = lab.true_std(every[0], 0.01, "mixed")
+    measured = lab.measured(lines, every[0], RESPONSE, REFERENCE)
+    here = FrfTarget(measured, told(lab, std, every[0]), torch.zeros(2, 3, dtype=torch.bool))
+    sharp = here.levels - 1
+    assert torch.equal(here.predict(plate, theta, sharp), here.predict(plate, theta))
+    assert here.predict(plate, theta).shape[1] == 801
+    monkeypatch.setattr(module, "LEAST_SMOOTHED", 801)
+    whole = FrfTarget(measured, told(lab, std, every[0]), torch.zeros(2, 3, dtype=torch.bool))
+    for level in range(sharp):
+        found = here.predict(plate, theta, level)
+        assert torch.allclose(found, every[:, ::2], rtol=1e-9)
+        thin, full = (one.residual(one.predict(plate, theta, level), level) for one in (here, whole))
+        assert float(thin[0].abs().max()) < 1e-9
+        # A smooth window over half of the lines says nearly what it says over all of them.
+        assert torch.allclose(thin.norm(dim=-1), full.norm(dim=-1), rtol=0.1)
 
 
 class TestTable:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from torchplate.plate import Assembly, Geometry, Local, Mesh, Proportional, Section
+from torchplate.plate import Assembly, Geometry, Local, Mesh, Proportional, Section, assemble
 
 SIDES = (0.7, 0.3)
 MESHES = {
@@ -336,3 +336,30 @@ def test_without_matrices_of_all_dofs_at_hand_the_answer_is_the_same() -> None:
         often.system(section, geometry, [], [])[:2], seldom.system(section, geometry, [], [])[:2], strict=True
     ):
         torch.testing.assert_close(one, other, rtol=0, atol=1e-14 * float(one.abs().max()))
+
+
+@pytest.mark.parametrize("batch", [(), (3,)], ids=["alone", "batch"])
+def test_a_patch_costs_its_own_elements_and_gives_what_all_elements_do(batch, monkeypatch) -> None:
+    mesh = MESHES["free"]
+    geometry = geometry_of(mesh)
+    full = Assembly(mesh)
+    basis = torch.randn(full.size, 7, generator=torch.Generator().manual_seed(19), dtype=torch.float64)
+    reduced = Assembly(mesh, basis, by_element=True)
+    rigidity = random_rigidity(*batch, 1, seed=20).expand(*batch, mesh.n_element, 3, 3).clone()
+    rigidity[..., (4, 7), :, :] *= 0.6
+    counted = []
+    inner = assemble._not_zero
+    monkeypatch.setattr(assemble, "_not_zero", lambda given: counted.append(inner(given)) or inner(given))
+    found = reduced.stiffness(rigidity, geometry)
+    (some,) = counted
+    assert some.tolist() == [4, 7]
+    torch.testing.assert_close(
+        found, basis.mT @ full.stiffness(rigidity, geometry) @ basis, rtol=0, atol=1e-12 * found.abs().max().item()
+    )
+    # Where most elements differ, or their number depends on the member of a vmap, all of them are summed.
+    counted.clear()
+    reduced.stiffness(random_rigidity(*batch, mesh.n_element, seed=21), geometry)
+    assert counted == [None]
+    if batch:
+        each = torch.vmap(lambda one: reduced.stiffness(one, geometry))(rigidity)
+        torch.testing.assert_close(each, found, rtol=0, atol=1e-12 * found.abs().max().item())

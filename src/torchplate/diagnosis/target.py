@@ -127,7 +127,9 @@ class FrfTarget(Target):
         self._shift, self._mode = torch.zeros_like(self.frequency), torch.zeros(len(self.frequency), dtype=torch.int64)
         self._every = max(1, len(self.frequency) // LEAST_SMOOTHED)
         smoothed = self.frequency[:: self._every]
-        self._filters = [_kernel(smoothed, _centres(smoothed, width), width) for width in WIDTHS]
+        # As large as with all lines: a signal that is smoothed grows by the root of their number.
+        more = self._every**0.5
+        self._filters = [more * _kernel(smoothed, _centres(smoothed, width), width) for width in WIDTHS]
         self.hold_out(heldout)
 
     def hold_out(self, heldout: Bool[Tensor, "n_response n_reference"]) -> None:

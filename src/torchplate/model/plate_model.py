@@ -173,7 +173,8 @@ class PlateModel(nn.Module):
         """The same model, where a loss in a part of the plate damps each mode and couples none.
 
         Of ΦᵀHΦ the diagonal alone is kept (Lord Rayleigh, The Theory of Sound, 2nd ed. 1894, section 102): off by the
-        square of the loss factor over how far modes are apart, and several times as fast.
+        square of the loss factor over how far modes are apart, and several times as fast. For values alone: its
+        gradients are those of the modes held as they are.
         """
         twin = copy.copy(self)
         twin._modules = dict(self._modules)
