@@ -107,15 +107,25 @@ class Problem:
         return self.bench.target
 
     def residual(self, position: Float[Tensor, "*batch n"], level: int) -> Float[Tensor, "*batch n_residual"]:
-        """Deviations at a level; at the sharp one with those from what is known beforehand.
-
-        Where the model is doubted these count at the wide levels too: a smoothed residual is then about 1, whatever the
-        noise.
-        """
+        """Deviations at a level; at the sharp one with those from what is known beforehand."""
         theta = self.model.space.to_si(position)
+        return self.deviations(self.predict(theta, level), theta, level)
+
+    def predict(self, theta: Float[Tensor, "*batch n"], level: int) -> Tensor:
+        """What the model says at a level: at the wide ones roughly."""
         sharp = level == self.target.levels - 1
-        model = self.model if sharp else self._roughly
-        found = self.target.residual(self.bench.predict(model, theta, level), level)
+        return self.bench.predict(self.model if sharp else self._roughly, theta, level)
+
+    def deviations(
+        self, prediction: Tensor, theta: Float[Tensor, "*batch n"], level: int
+    ) -> Float[Tensor, "*batch n_residual"]:
+        """Those of a prediction at a level, and of these parameters from what is known beforehand.
+
+        Where the model is doubted the latter count at the wide levels too: a smoothed residual is then about 1,
+        whatever the noise.
+        """
+        sharp = level == self.target.levels - 1
+        found = self.target.residual(prediction, level)
         if not self._index or (not sharp and self.target.believes_the_model):
             return found
         # Where the level of what is left is not known, it scales what is known beforehand.

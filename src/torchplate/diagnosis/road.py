@@ -172,7 +172,7 @@ class Road:
 
     def travel(self, state: State, most_effects: int) -> tuple[State, list[Looked]]:
         """Add effects as long as they are needed and there are some; `begun` is what they were added to."""
-        self.begun = state
+        self.begun, lowered = state, False
         looks: list[Looked] = []
         while len(state.named) < most_effects:
             look = self.look.at(state)
@@ -184,8 +184,13 @@ class Road:
                 break
             single = self._added(state, choice, look)
             if not state.named and (lower := self._lower(state, single)) is not None:
-                state, looks = lower, []
-                continue
+                # Where nothing but noise is left beside it, and where this was the second time, the look still holds.
+                holds = (lowered or is_noise(choice.best.fit)) and is_needed(lower.fit, choice.best, look.by_chance)
+                self.begun, state, lowered = lower, lower, True
+                if not holds:
+                    looks = []
+                    continue
+                single = self._added(state, choice, look)
             if (settled := self._explained(single)) is not None:
                 return settled, looks
             room = len(single.named) < most_effects
@@ -206,8 +211,7 @@ class Road:
         if not found.believed or found.cost > (1 - LEAST_PART) * state.fit.cost:
             return None
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")
-        self.begun = replace(state, fit=found)
-        return self.begun
+        return replace(state, fit=found)
 
     def _explained(self, state: State) -> State | None:
         """The state, settled, if nothing but noise is left of it; None where more is."""

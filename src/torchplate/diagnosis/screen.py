@@ -80,7 +80,8 @@ def screen(
     level = bench.target.levels - 1 if near else min(LEVEL, bench.target.levels - 1)
     here = Problem(bench, base, prior)
     position = base.space.to_cube(theta)
-    residual = here.residual(position, level)
+    plain = here.predict(theta, level)
+    residual = here.deviations(plain, theta, level)
     # What ended on the edge of its interval is not free to do anything more.
     loose = ~base.space.at_bound(theta)
     if bool(loose.any()):
@@ -107,9 +108,14 @@ def screen(
         label = new_label(base, candidate.name)
         model = with_candidate(base, label, candidate)
         trials = candidate.near if near else candidate.far
-        members = _members(model, theta, base, [trial.values for trial in trials], label)
         with torch.no_grad():
-            there = Problem(bench, model, prior).residual(model.space.to_cube(members), level)
+            exchanged = bench.target.rearranged(plain, base, candidate.effect, level)
+            if exchanged is not None:
+                there = here.deviations(exchanged, theta, level)[None]
+                bench.n_evaluation += 1
+            else:
+                members = _members(model, theta, base, [trial.values for trial in trials], label)
+                there = Problem(bench, model, prior).residual(model.space.to_cube(members), level)
         whole = residual - there
         change = free(whole)
         size = change.square().sum(-1).clamp(min=1e-280)

@@ -18,6 +18,7 @@ from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.noise import Noise
+from torchplate.effects import Effect
 from torchplate.measurement import Measurement, NaturalFrequencies
 from torchplate.model import PlateModel
 
@@ -75,6 +76,17 @@ class Target(ABC):
     @abstractmethod
     def predict(self, model: PlateModel, theta: Tensor, level: int | None = None) -> Tensor:
         """What the model says of it; at a level, of what is looked at there."""
+
+    def rearranged(self, prediction: Tensor, model: PlateModel, effect: Effect, level: int) -> Tensor | None:  # noqa: ARG002
+        """What the model says with one more effect, if that only exchanges or turns channels; else None.
+
+        Args:
+            prediction: what it says without it, at that level.
+            model: the model.
+            effect: one more.
+            level: of the prediction.
+        """
+        return None
 
     @abstractmethod
     def residual(self, prediction: Tensor, level: int) -> Float[Tensor, "*batch n_residual"]:
@@ -220,7 +232,16 @@ class FrfTarget(Target):
         At a wide level they are those of the lines that are smoothed.
         """
         every = self._every if level in range(SHARP) else 1
-        found, measured = model.frf(theta, self.frequency[::every]), self.measured[::every]
+        return self._at_level_of(self.measured[::every], model.frf(theta, self.frequency[::every]))
+
+    def rearranged(self, prediction: Tensor, model: PlateModel, effect: Effect, level: int) -> Tensor | None:
+        """The same FRFs in other places or with other signs: nothing has to be solved."""
+        every = self._every if level in range(SHARP) else 1
+        found = model.rearranged(prediction, effect)
+        return None if found is None else self._at_level_of(self.measured[::every], found)
+
+    def _at_level_of(self, measured: Tensor, found: Tensor) -> Tensor:
+        """FRFs times one factor, where the measurement's level is unknown."""
         if self.gain_is_unknown:
             weight = torch.where(self.fitted, 1 / measured.abs().square().sum(0).clamp(min=1e-300), 0.0)
             above = (weight * (found.conj() * measured).real).sum((-3, -2, -1))

@@ -386,6 +386,31 @@ class PlateModel(nn.Module):
             chain = effect.observe(self.mesh, chain, value[label], plan.geometry)
         return chain
 
+    def rearranged(
+        self, frf: Complex[Tensor, "*batch n_frequency n_response n_reference"], effect: Effect
+    ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"] | None:
+        """The measurement's FRFs as one more effect would report them that only exchanges or turns channels.
+
+        Args:
+            frf: as this model reports them.
+            effect: without parameters, the last of the sensor chain.
+
+        Returns:
+            Them; None for an effect that does more than that.
+        """
+        if effect.acts_on != {"sensor chain"} or effect.parameters:
+            return None
+        response, reference, _ = self._points(None, None, None)
+        laplace = torch.zeros(frf.shape[-3], dtype=frf.dtype, device=frf.device)
+        plain = sensor_chain(laplace, response, reference)
+        geometry = Geometry(*(self.known.new_tensor(side) for side in (self.mesh.length_x, self.mesh.length_y)))
+        chain = effect.observe(self.mesh, plain, {}, geometry)
+        if chain.laplace is not plain.laplace or chain.response is not plain.response:
+            return None
+        if chain.reading is not None:
+            frf = frf.flatten(-2)[..., chain.reading]
+        return chain.factor * frf
+
     def excitation(self, plan: Plan, reference: Tensor | None) -> Float[Tensor, "*batch n_reference n"]:
         """Rows of the forces; the base's unit acceleration loads the plate with its inertia."""
         if reference is not None:
