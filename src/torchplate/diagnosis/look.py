@@ -45,6 +45,8 @@ CAME_NEAR, N_AGAIN = 0.9, 3
 RUN_OFF, RUN_OFF_PART, N_RUN_OFF, N_FURTHER = 100.0, 0.03, 3, 2
 # Where it leaves so many times as much as a support may, it is none.
 FAR = 100.0
+# Where a support at the same place leaves so much less, the spring or dashpot had stopped short.
+SHORT = 0.2
 # What sits at a place and goes to the ground.
 GROUNDED = frozenset({"ground_spring", "ground_dashpot"})
 
@@ -258,7 +260,24 @@ class Look:
         if tighter is not None:
             found = replace(found, surprise=tighter.surprise)
         wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
-        return found, [self.refitted(state.model, candidate, theta) for candidate in wanted]
+        supports = [self.refitted(state.model, candidate, theta) for candidate in wanted]
+        best = min(supports, key=lambda one: one.fit.cost)
+        if tighter is None and best.fit.cost < (1 - SHORT) * found.fit.cost and not is_noise(found.fit):
+            again = self._from_support(state, found, best)
+            if again.fit.cost < (1 - SHORT) * found.fit.cost:
+                return self.as_supports(state, again)
+        return found, supports
+
+    def _from_support(self, state: State, found: Hypothesis, support: Hypothesis) -> Hypothesis:
+        """What is grounded at a place, fitted from where a support at that place took the rest of the model."""
+        whole = found.fit.model
+        values = dict(zip(whole.names, found.fit.theta.tolist(), strict=True))
+        for name, value in zip(support.fit.model.names, support.fit.theta.tolist(), strict=True):
+            own = name.replace(f"{support.label}.", f"{found.label}.", 1)
+            if own in values:
+                values[own] = value
+        start = torch.tensor([list(values.values())]).to(found.fit.theta)
+        return self._refit(state.model, found.candidate, found.label, whole.space.to_cube(start))
 
     def refitted(self, model: PlateModel, candidate: Candidate, theta: Tensor) -> Hypothesis:
         """A candidate in a model with these parameters, fitted from its trials."""
