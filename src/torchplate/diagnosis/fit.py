@@ -189,6 +189,7 @@ def fit(
     prior: Prior | None = None,
     wide: bool = True,
     hopeless: float = math.inf,
+    near: PlateModel | None = None,
 ) -> Fit:
     """Fit a model from several starts.
 
@@ -199,6 +200,7 @@ def fit(
         prior: what is known of its parameters beforehand.
         wide: whether to begin at the wide levels.
         hopeless: sum of squares of the fitted residuals beyond which the first basis is the last.
+        near: much the same model, whose mesh error is taken off: what is taken off there does for the first basis.
     """
     prior = prior or {}
     if not model.names:
@@ -207,7 +209,10 @@ def fit(
     value = torch.inf
     for turn in range(N_BASIS):
         theta = model.space.to_si(position)
-        if turn == 0:
+        borrowed = turn == 0 and near is not None
+        if turn == 0 and near is not None:
+            corrected = bench.corrected_as(model, near)
+        elif turn == (near is not None):
             corrected = bench.corrected(model, theta)[0]
         reduced = bench.reduced(corrected, theta[None])
         problem = Problem(bench, reduced, prior)
@@ -221,7 +226,7 @@ def fit(
         position = places[best]
         if turn > 0 and abs(before - value) <= SETTLED * value:
             break
-        if float(moved) < 1e-6 or 2 * value > hopeless:
+        if 2 * value > hopeless or (float(moved) < 1e-6 and not borrowed):
             break
     if problem.knows and 2 * value <= hopeless:
         places, _, jacobian = problem.descend(position[None], bench.target.levels - 1, N_SHARP, FREE)

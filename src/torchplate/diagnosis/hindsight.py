@@ -94,7 +94,7 @@ class Hindsight:
         starts = [[values[name] for name in model.names] for values in (then | now, now | then)]
         start = model.space.to_cube(torch.tensor(starts).to(state.fit.theta)).clamp(1e-3, 1 - 1e-3)
         limit = HOPELESS * float(state.fit.misfit.fitted)
-        found = fit(self.bench, model, start, self.prior, wide=False, hopeless=limit)
+        found = fit(self.bench, model, start, self.prior, wide=False, hopeless=limit, near=state.fit.model)
         self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
         return replace(rival, fit=found)
 
@@ -112,7 +112,7 @@ class Hindsight:
             values[f"{dashpot.hypothesis.label}.viscous_damping"],
         ]
         supports = [
-            self.look.refitted(alone.model, candidate, alone.fit.theta)
+            self.look.refitted(alone, candidate, alone.fit.theta)
             for candidate in supports_at(alone.model, alone.fit.theta, *places[0], *strength)
         ]
         best = min(supports, key=lambda one: one.cost)

@@ -127,7 +127,7 @@ class Look:
         found: list[Hypothesis] = []
         for one, several in together.values():
             least = min((float(other.fit.misfit.fitted) for other in (*before, *found)), default=math.inf)
-            found.append(self._refit(state.model, one.candidate, one.label, torch.cat(several), HOPELESS * least))
+            found.append(self._refit(state, one.candidate, one.label, torch.cat(several), HOPELESS * least))
         return found
 
     def _by_chance(self, state: State) -> Tensor | None:
@@ -154,7 +154,7 @@ class Look:
             label = new_label(state.model, one.name)
             whole = with_candidate(state.model, label, one.candidate)
             start = start_of(whole, state.fit.theta, state.model, own, label)
-            found.append(self._refit(state.model, one.candidate, label, start[None]))
+            found.append(self._refit(state, one.candidate, label, start[None]))
         return found
 
     def _run_off(self, state: State, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -171,7 +171,7 @@ class Look:
             if len(close) < 2:
                 break
             ends = [(one, one.fit.model.space.to_cube(one.fit.theta)[None]) for one in close]
-            again = [self._refit(state.model, one.candidate, one.label, end) for one, end in ends]
+            again = [self._refit(state, one.candidate, one.label, end) for one, end in ends]
             found = sorted([*again, *found[len(close) :]], key=lambda one: one.cost)
             if least - found[0].cost < RUN_OFF + RUN_OFF_PART * least:
                 break
@@ -260,7 +260,7 @@ class Look:
         if tighter is not None:
             found = replace(found, surprise=tighter.surprise)
         wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
-        supports = [self.refitted(state.model, candidate, theta) for candidate in wanted]
+        supports = [self.refitted(state, candidate, theta) for candidate in wanted]
         best = min(supports, key=lambda one: one.fit.cost)
         if tighter is None and best.fit.cost < (1 - SHORT) * found.fit.cost and not is_noise(found.fit):
             again = self._from_support(state, found, best)
@@ -277,20 +277,21 @@ class Look:
             if own in values:
                 values[own] = value
         start = torch.tensor([list(values.values())]).to(found.fit.theta)
-        return self._refit(state.model, found.candidate, found.label, whole.space.to_cube(start))
+        return self._refit(state, found.candidate, found.label, whole.space.to_cube(start))
 
-    def refitted(self, model: PlateModel, candidate: Candidate, theta: Tensor) -> Hypothesis:
-        """A candidate in a model with these parameters, fitted from its trials."""
+    def refitted(self, state: State, candidate: Candidate, theta: Tensor) -> Hypothesis:
+        """A candidate in a state's model with these parameters, fitted from its trials."""
+        model = state.model
         label = new_label(model, candidate.name)
         whole = with_candidate(model, label, candidate)
         starts = [start_of(whole, theta, model, trial.values, label) for trial in candidate.far]
-        return self._refit(model, candidate, label, torch.stack(starts))
+        return self._refit(state, candidate, label, torch.stack(starts))
 
     def _refit(
-        self, model: PlateModel, candidate: Candidate, label: str, starts: Tensor, hopeless: float = math.inf
+        self, state: State, candidate: Candidate, label: str, starts: Tensor, hopeless: float = math.inf
     ) -> Hypothesis:
-        whole = with_candidate(model, label, candidate)
-        found = fit(self.bench, whole, starts, self.prior, wide=False, hopeless=hopeless)
+        whole = with_candidate(state.model, label, candidate)
+        found = fit(self.bench, whole, starts, self.prior, wide=False, hopeless=hopeless, near=state.fit.model)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
         return Hypothesis(candidate, label, found)
 

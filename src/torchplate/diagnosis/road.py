@@ -207,7 +207,9 @@ class Road:
         """The given model fitted from where it is beside the first effect, if it ends lower there than it did."""
         values = dict(zip(single.model.names, single.fit.theta.tolist(), strict=True))
         start = torch.tensor([[values[name] for name in state.model.names]]).to(state.fit.theta)
-        found = fit(self.bench, state.model, state.model.space.to_cube(start), self.prior, wide=False)
+        limit = float(state.fit.misfit.fitted)
+        position = state.model.space.to_cube(start)
+        found = fit(self.bench, state.model, position, self.prior, wide=False, hopeless=limit, near=state.fit.model)
         if not found.believed or found.cost > (1 - LEAST_PART) * state.fit.cost:
             return None
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")

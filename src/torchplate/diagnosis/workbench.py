@@ -85,6 +85,16 @@ class Workbench:
         plain = on_mesh(model, self._assembly)
         return extrapolate(plain, self.top or None, theta, self._finer)
 
+    def corrected_as(self, model: PlateModel, near: PlateModel) -> PlateModel:
+        """A model with what was taken off as mesh error of one that is much the same: at no cost.
+
+        Raises:
+            ValueError: if that one is on another mesh.
+        """
+        if near.mesh != self.mesh:
+            raise ValueError(f"Expected a model on {self.mesh}, got one on {near.mesh}. Take one of this bench.")
+        return on_mesh(model, near.assembly)
+
     def finished(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> PlateModel:
         """A model with its searched parameters at these values, and what did not yield held as in the given one."""
         numbers = with_numbers(model, theta)
