@@ -277,7 +277,7 @@ class Look:
             if own in values:
                 values[own] = value
         start = torch.tensor([list(values.values())]).to(found.fit.theta)
-        return self._refit(state, found.candidate, found.label, whole.space.to_cube(start))
+        return self._refit(state, found.candidate, found.label, whole.space.to_cube(start), near=support.fit.model)
 
     def refitted(self, state: State, candidate: Candidate, theta: Tensor) -> Hypothesis:
         """A candidate in a state's model with these parameters, fitted from its trials."""
@@ -285,13 +285,19 @@ class Look:
         label = new_label(model, candidate.name)
         whole = with_candidate(model, label, candidate)
         starts = [start_of(whole, theta, model, trial.values, label) for trial in candidate.far]
-        return self._refit(state, candidate, label, torch.stack(starts))
+        return self._refit(state, candidate, label, torch.stack(starts), near=state.fit.model)
 
     def _refit(
-        self, state: State, candidate: Candidate, label: str, starts: Tensor, hopeless: float = math.inf
+        self,
+        state: State,
+        candidate: Candidate,
+        label: str,
+        starts: Tensor,
+        hopeless: float = math.inf,
+        near: PlateModel | None = None,
     ) -> Hypothesis:
         whole = with_candidate(state.model, label, candidate)
-        found = fit(self.bench, whole, starts, self.prior, wide=False, hopeless=hopeless, near=state.fit.model)
+        found = fit(self.bench, whole, starts, self.prior, wide=False, hopeless=hopeless, near=near)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
         return Hypothesis(candidate, label, found)
 
