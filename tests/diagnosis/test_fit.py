@@ -176,3 +176,26 @@ def test_of_several_starts_the_best_goes_to_the_end_alone(bench, plate, truth, m
     assert float(value) == pytest.approx(float(least), rel=1e-3)
     assert torch.allclose(place, alone, atol=2e-3)
     assert jacobian.shape[-1] == 3
+
+
+@torch.no_grad()
+def test_a_hopeless_fit_borrows_the_mesh_correction_and_another_gets_its_own(lab, plate, truth, monkeypatch):
+    true = plate.frf(truth, LINES)
+    bench = Workbench(plate, measured(lab, true, 0))
+    near = bench.corrected(bench.given, truth).model
+    asked = []
+    corrected = bench.corrected
+    monkeypatch.setattr(bench, "corrected", lambda *given: asked.append(1) or corrected(*given))
+    start = torch.tensor([[0.55, 0.5, 0.5]], dtype=torch.float64)
+    given_up = fit(bench, bench.given, start, wide=False, hopeless=0.0, near=near)
+    assert not asked
+    assert given_up.model.assembly is near.assembly
+    own = fit(bench, bench.given, start, wide=False, near=near)
+    assert len(asked) == 1
+    assert own.model.assembly is not near.assembly
+    alone = fit(bench, bench.given, start, wide=False)
+    assert torch.allclose(own.theta, alone.theta, rtol=1e-3)
+    # What is borrowed is worth having: without any correction the frequencies are off.
+    assert float(given_up.misfit.fitted) == pytest.approx(float(own.misfit.fitted), rel=0.05)
+    with pytest.raises(ValueError, match="Take one of this bench"):
+        bench.corrected_as(bench.given, plate)

@@ -146,3 +146,26 @@ def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
     hopeless = Hypothesis(spring.candidate, spring.label, spring.fit._replace(misfit=left))
     assert scene.look.as_supports(scene.state, hopeless) == (hopeless, [])
     assert priced.label == spring.label
+
+
+@torch.no_grad()
+def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab):
+    scene = lab.Scene(hidden={"wire": (700.0, 0.0)})
+    right = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
+    # At the right place, and everything else where it was: far too soft.
+    theta = right.fit.theta.clone()
+    theta[[right.fit.model.names.index(f"{right.label}.stiffness")]] = 150.0
+    prediction = scene.bench.predict(right.fit.reduced, theta)
+    misfit = scene.bench.target.misfit(prediction)
+    short = Hypothesis(
+        right.candidate, right.label, right.fit._replace(theta=theta, prediction=prediction, misfit=misfit)
+    )
+    assert short.cost > 1.5 * right.cost
+    again, supports = scene.look.as_supports(scene.state, short)
+    assert again.name == "ground_spring"
+    assert again.fit.cost == pytest.approx(right.fit.cost, rel=1e-3)
+    assert torch.allclose(again.fit.theta, right.fit.theta, rtol=0.02)
+    assert supports
+    # One that came to its end is left as it is.
+    same, _ = scene.look.as_supports(scene.state, right)
+    assert same.fit is right.fit

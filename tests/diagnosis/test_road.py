@@ -350,3 +350,37 @@ def test_after_a_long_search_nothing_is_looked_for_beside_the_second_best(lab, m
     single = road._added(scene.state, Choice(look.hypotheses[0], (), None, 1.0), look)
     assert road._pairs(scene.state, look, single, []) == (None, None)
     assert [state.named[-1].hypothesis.name for state in seen] == ["point_mass", "density"][:n_look]
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(
+    ("left", "n_lower", "n_look"),
+    [(0.5, 1, 1), (40.0, 1, 2), (40.0, 2, 2)],
+    ids=["nothing but noise", "more than noise", "more than noise, twice"],
+)
+def test_a_look_is_not_repeated_where_it_holds_beside_the_better_baseline(lab, monkeypatch, left, n_lower, n_look):
+    scene = lab.Scene()
+    road = Road(scene.bench.given, scene.bench.target, {}, lambda _: None)
+    n = scene.fit.misfit.n_fitted
+
+    def at(square: float):
+        misfit = scene.fit.misfit._replace(fitted=torch.tensor(square * n, dtype=torch.float64))
+        return scene.fit._replace(misfit=misfit, believed=True, prior=0.0)
+
+    mass = scene.hypothesis("point_mass")
+    named = Hypothesis(mass.candidate, mass.label, mass.fit._replace(misfit=at(left).misfit, believed=True, prior=0.0))
+    looked = []
+    monkeypatch.setattr(road.look, "at", lambda state: looked.append(state.fit.cost) or Looked((), (named,)))
+    lower = iter([400.0, 200.0][:n_lower])
+    monkeypatch.setattr(
+        road, "_lower", lambda state, _: State(state.model, at(value)) if (value := next(lower, None)) else None
+    )
+    monkeypatch.setattr(road, "_explained", lambda state: state)
+    found, _ = road.travel(State(scene.state.model, at(900.0)), 3)
+    assert len(looked) == n_look
+    assert found.named[-1].hypothesis.name == "point_mass"
+    # What it was added to is the best that the given model does.
+    last = [400.0, 200.0][n_lower - 1]
+    assert found.previous is road.begun
+    assert road.begun.fit.reduced_misfit == pytest.approx(last, rel=1e-6)
+    assert found.named[-1].before is road.begun.fit

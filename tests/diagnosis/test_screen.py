@@ -156,3 +156,32 @@ def test_what_sits_on_the_edge_of_its_interval_cannot_do_what_an_effect_would(la
     along = abs(float(density.signature @ tangent) / float(tangent.norm()))
     # A heavier plate is a softer one, but for its level.
     assert along < 1e-3 if free else along > 0.5
+
+
+@pytest.mark.parametrize("near", [True, False], ids=["sharp", "wide"])
+def test_exchanged_channels_score_what_solving_again_would_give(lab, near, monkeypatch):
+    model = plate({name: BOX[name] for name in ("plate.youngs_modulus", "loss.stiffness_loss_factor")})
+    with torch.no_grad():
+        frf = 1.2 * plate(hidden=("point_mass", {"x": SPOT[0], "y": SPOT[1], "mass": MASS})).frf(lab.nobody, LINES)
+        frf = frf[..., [1, 0, 2]]
+        std = lab.true_std(frf, 0.005, "mixed")
+        measured = lab.measured(LINES, frf + lab.noise_of(std, 8), RESPONSE, REFERENCE)
+        noise = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std))
+        nothing = torch.zeros(2, 3, dtype=torch.bool)
+        for gain_is_unknown in (False, True):
+            bench = Workbench(model, FrfTarget(measured, noise, nothing, gain_is_unknown), as_given=True)
+            theta = torch.tensor([2.02e11, 9e-3], dtype=torch.float64)
+            base = bench.reduced(bench.given, theta[None])
+            every = candidates(base, theta, Channels(RESPONSE, REFERENCE))
+            every = [one for one in every if one.name in ("channel_swap", "channel_polarity")]
+            assert len(every) > 5
+            found = {str(one.candidate.options): one for one in screen(bench, base, theta, every, {}, near)}
+            with monkeypatch.context() as patched:
+                patched.setattr(FrfTarget, "rearranged", lambda *_: None)
+                solved = {str(one.candidate.options): one for one in screen(bench, base, theta, every, {}, near)}
+            assert found.keys() == solved.keys()
+            for key, one in found.items():
+                assert one.drop == pytest.approx(solved[key].drop, rel=1e-6, abs=1e-9)
+                assert torch.allclose(one.signature, solved[key].signature, atol=1e-8)
+            best = max(found.values(), key=lambda one: one.drop)
+            assert best.candidate.options == {"channels": ((None, 7), (None, 9))}

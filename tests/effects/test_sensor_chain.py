@@ -194,3 +194,41 @@ def test_channels_that_cannot_be_are_refused_when_the_model_is_made(mesh):
     for effect in (ChannelPolarity(((3, 99),)), ChannelSwap((3, 99)), SensorPosition(99)):
         with pytest.raises(ValueError, match="Expected node labels from 1 to"):
             _model(mesh, {"wrong": effect})
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        ChannelSwap(channels=[(3, None), (8, None)]),
+        ChannelSwap(channels=[(None, 9), (None, 3)]),
+        ChannelSwap(channels=[(3, 9), (8, 3)]),
+        ChannelPolarity(channels=[(8, None), (3, 3)]),
+    ],
+    ids=["responses", "references", "frfs", "polarity"],
+)
+def test_channels_are_exchanged_and_turned_in_frfs_that_are_there(mesh, effect):
+    """Also where some are exchanged and turned already, and one stands elsewhere and another is too loud."""
+    others = {
+        "swap": ChannelSwap(channels=[(3, 3), (8, 9)]),
+        "turned": ChannelPolarity(channels=[(3, None)]),
+        "loud": SensorGain(),
+        "off": SensorPosition(3),
+        "late": TimeDelay(),
+        "window": ExponentialWindow(),
+    }
+    value = {"loud_gain": 1.3, "off_dx": 0.013, "off_dy": 0.008, "late_delay": 2e-4, "window_rate": 3.0}
+    for before in ({}, others):
+        known = value if before else {}
+        plain, whole = (_model(mesh, {**before, **more}, **known) for more in ({}, {"more": effect}))
+        for model in (plain, whole):
+            model.response, model.reference, model.kind = RESPONSE, REFERENCE, "accelerance"
+        found = plain.rearranged(plain.frf(NONE, LINES), effect)
+        assert torch.allclose(found, whole.frf(NONE, LINES), rtol=1e-12)
+        assert not torch.allclose(found, plain.frf(NONE, LINES), rtol=1e-3)
+
+
+@pytest.mark.parametrize("effect", [SensorGain(), ExponentialWindow(), HystereticDamping()])
+def test_what_does_more_than_exchange_and_turn_is_not_rearranged(mesh, effect):
+    model = _model(mesh)
+    model.response, model.reference, model.kind = RESPONSE, REFERENCE, "accelerance"
+    assert model.rearranged(model.frf(NONE, LINES), effect) is None
