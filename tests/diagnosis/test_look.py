@@ -149,7 +149,7 @@ def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
 
 
 @torch.no_grad()
-def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab):
+def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, monkeypatch):
     scene = lab.Scene(hidden={"wire": (700.0, 0.0)})
     right = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
     # At the right place, and everything else where it was: far too soft.
@@ -161,7 +161,24 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab):
         right.candidate, right.label, right.fit._replace(theta=theta, prediction=prediction, misfit=misfit)
     )
     assert short.cost > 1.5 * right.cost
+    begun = []
+    refit = scene.look._refit
+
+    def told(state, candidate, label, starts, *others, **more):
+        found = refit(state, candidate, label, starts, *others, **more)
+        begun.append((found, starts))
+        return found
+
+    monkeypatch.setattr(scene.look, "_refit", told)
     again, supports = scene.look.as_supports(scene.state, short)
+    support = begun[0][0]
+    assert support.name == "support_spring"
+    (start,) = next(starts for found, starts in begun if found.name == "ground_spring")
+    values = dict(zip(again.fit.model.names, again.fit.model.space.to_si(start).tolist(), strict=True))
+    best = dict(zip(support.fit.model.names, support.fit.theta.tolist(), strict=True))
+    assert values["plate.youngs_modulus"] == pytest.approx(best["plate.youngs_modulus"], rel=1e-6)
+    assert values[f"{short.label}.stiffness"] == pytest.approx(best[f"{support.label}.stiffness"], rel=1e-6)
+    assert values[f"{short.label}.stiffness"] > 400.0
     assert again.name == "ground_spring"
     assert again.fit.cost == pytest.approx(right.fit.cost, rel=1e-3)
     assert torch.allclose(again.fit.theta, right.fit.theta, rtol=0.02)
