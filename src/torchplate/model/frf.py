@@ -198,7 +198,7 @@ def _solve_modal(
     viscous: Tensor,
     hysteretic: Tensor,
 ) -> Tensor:
-    """α where the damping may couple the modes: complex modes where these are the same at all lines, else solves."""
+    """α where parts have a loss of their own: mode by mode, by complex modes, or by solves, as far as these couple."""
     if _is_diagonal(hysteretic):
         own_loss = hysteretic.diagonal(dim1=-2, dim2=-1)
         return _by_uncoupled_modes(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, own_loss)
@@ -256,9 +256,7 @@ def _by_uncoupled_modes(
         imaginary = imaginary + own_loss[..., None, :]
         scale = 1 / torch.addcmul(imaginary * imaginary, real, real)
         found = torch.complex(pairs @ (real * scale).mT, -(pairs @ (imaginary * scale).mT))
-        found = found.unflatten(-2, (left.shape[-2], right.shape[-2])).movedim((-3, -2), (0, 1))
-        force = terms_first(viscous, found.ndim - 3) * s
-        parts.append(attach(found, force.expand(len(force), *found.shape[2:])))
+        parts.append(_with_dashpots(found, left, right, viscous, s))
     return joined(parts, -1).movedim((0, 1), (-2, -1))
 
 
@@ -283,6 +281,11 @@ def _by_complex_modes(
     pairs = (rows[..., :, None, :] * columns[..., None, :, :]).flatten(-3, -2)
     mu = proportional.at(laplace)[1]
     found = pairs @ (1 / (value[..., :, None] + mu[..., None, :]))
-    found = found.unflatten(-2, (rows.shape[-2], columns.shape[-2])).movedim((-3, -2), (0, 1))
+    return _with_dashpots(found, left, right, viscous, laplace).movedim((0, 1), (-2, -1))
+
+
+def _with_dashpots(found: Tensor, left: Tensor, right: Tensor, viscous: Tensor, laplace: Tensor) -> Tensor:
+    """Receptances of all pairs of rows, [*batch, pair, line], with the dashpots among the rows attached."""
+    found = found.unflatten(-2, (left.shape[-2], right.shape[-2])).movedim((-3, -2), (0, 1))
     force = terms_first(viscous, found.ndim - 3) * laplace
-    return attach(found, force.expand(len(force), *found.shape[2:])).movedim((0, 1), (-2, -1))
+    return attach(found, force.expand(len(force), *found.shape[2:]))

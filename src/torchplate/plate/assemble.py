@@ -310,12 +310,8 @@ class Assembly(nn.Module):
 def _not_zero(coefficient: Float[Tensor, "*batch n_element n_pattern"]) -> Tensor | None:
     """The elements of which a coefficient of any member is not zero; None where these are most, or nobody may look."""
     try:
-        some = (
-            coefficient.detach().ne(0).any(-1).flatten(0, -2).any(0)
-            if coefficient.ndim > 2
-            else (coefficient.detach().ne(0).any(-1))
-        )
-        found = torch.nonzero(some).flatten()
+        some = coefficient.detach().ne(0).any(-1)
+        found = torch.nonzero(some.reshape(-1, some.shape[-1]).any(0)).flatten()
     except RuntimeError:
         # Under `vmap`.
         return None
