@@ -14,8 +14,6 @@ from blind.score import verdict
 from blind.suite import run_case
 from torchplate.cli.diagnose import diagnose
 
-pytestmark = pytest.mark.usefixtures("types_unchecked")
-
 # Case → what is hidden in it.
 SAMPLE = {
     69: "nothing",

@@ -17,8 +17,6 @@ from torchplate.cli.main import main
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import SI_UNIT, Channel, Measurement
 
-pytestmark = pytest.mark.usefixtures("types_unchecked")
-
 RESPONSE, REFERENCE = (4, 7), (1, 6, 10)
 LINES = torch.linspace(15.0, 300.0, 100, dtype=torch.float64)
 HIDDEN = {"x": 0.31, "y": 0.68, "mass": 0.03}

@@ -8,8 +8,6 @@ from rich.console import Console
 from torchplate.cli import real
 from torchplate.cli.real import CASES, examine, show, value_of
 
-pytestmark = pytest.mark.usefixtures("types_unchecked")
-
 
 @pytest.fixture
 def console():

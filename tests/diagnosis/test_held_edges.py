@@ -12,8 +12,6 @@ from torchplate.model import PlateModel, Searched
 from torchplate.model.extrapolation import extrapolate
 from torchplate.plate import Mesh
 
-pytestmark = pytest.mark.usefixtures("types_unchecked")
-
 NOTHING = torch.zeros(0, dtype=torch.float64)
 SIDES = (0.3, 0.1)
 CLAMPED = {"x0": "clamped"}

@@ -19,8 +19,6 @@ from torchplate.measurement import NaturalFrequencies
 from torchplate.model import PlateModel, Searched, extrapolate
 from torchplate.plate import Local, Mesh
 
-pytestmark = pytest.mark.usefixtures("types_unchecked")
-
 RESPONSE, REFERENCE = (3, 17), (7, 9, 14)
 LINES = torch.linspace(20.0, 275.0, 120, dtype=torch.float64)
 KNOWN = {

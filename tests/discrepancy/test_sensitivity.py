@@ -12,8 +12,6 @@ from torchplate.discrepancy.sensitivity import sensitivity_by
 from torchplate.measurement import NaturalFrequencies
 from torchplate.search import JACOBIANS, least_squares
 
-pytestmark = pytest.mark.usefixtures("types_unchecked")
-
 
 def table_of(model, theta, modes):
     frequency = model.natural_frequencies(theta, max(modes))

@@ -6,8 +6,6 @@ import torch
 from torchplate.examples import parameter_network
 from torchplate.examples.parameter_network import WAYS, ParameterNetwork, Way, main, measure, plate, score, train
 
-pytestmark = pytest.mark.usefixtures("types_unchecked")
-
 LABELS, BLIND = "parameters", "FRF, no labels"
 
 

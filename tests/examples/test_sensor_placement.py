@@ -20,10 +20,7 @@ from torchplate.examples.sensor_placement import (
 )
 
 # torch.func.jvp loads its own rules by torch.jit.script, which warns of itself.
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning"),
-    pytest.mark.usefixtures("types_unchecked"),
-]
+pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
 TRUTH = torch.tensor([0.45, 0.6, 0.4, 0.55, 0.4, 0.6], dtype=torch.float64)
 N_TEST = 40
 
