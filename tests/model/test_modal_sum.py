@@ -7,7 +7,16 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from torchplate.model.modal_sum import EXACT, attach, chebyshev_series, chebyshev_values, modal_sum
+from torchplate.model.modal_sum import (
+    EXACT,
+    Disc,
+    Stretch,
+    attach,
+    chebyshev_series,
+    chebyshev_values,
+    modal_sum,
+    reciprocal,
+)
 
 N_MODE = 50
 
@@ -38,7 +47,7 @@ def test_the_sum_is_that_of_all_modes(batch, own_modes, low, high) -> None:
     assert found.shape == (2, 4, *batch, 50)
     # 3^-32 = 5e-16 of what a far mode adds: rounding is all there is.
     assert float((found - expected).abs().max() / expected.abs().max()) < 1e-13
-    quick = modal_sum(eigenvalue, left, right, z, n_term=4)
+    quick = modal_sum(eigenvalue, left, right, z, Stretch.around(Disc.around(z, eigenvalue), eigenvalue, 4))
     # Fewer terms are worse, but hardly by more than 3^-4: the series is in use, and falls as it should.
     far = float((quick - expected).abs().max() / expected.abs().max())
     assert far < 3.0**-4

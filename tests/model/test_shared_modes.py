@@ -28,7 +28,7 @@ BOX = {
     "rayleigh.stiffness_coefficient": Searched(1e-7, 2e-5),
     "lump.mass": Searched(0.0, 0.2),
 }
-# Ten terms leave 3^-10 = 2e-5 of what the nearest far mode adds; more with Im z at an eighth of the width, and where
+# Eleven terms leave 3^-11 = 6e-6 of what the nearest far mode adds; more with Im z at an eighth of the width, and where
 # a few lines miss all peaks.
 SERIES = 5e-5
 

@@ -108,6 +108,7 @@ class SearchConfig(BaseModel):
     n_repeat: int = Field(default=1, gt=0)
     polish: bool = False
     basis: Literal["auto", "full"] = "auto"
+    precision: Literal["double", "single"] = "double"
 
 
 class LogConfig(_Strict):

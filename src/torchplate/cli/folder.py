@@ -82,13 +82,14 @@ def read_checkpoint(recipe: Run, folder: Path, device: torch.device) -> Checkpoi
 
 
 # What a checkpoint cannot go on without; budgets, and where the measurement lies, may change.
-_IDENTITY = ("search", "search.seed", "search.n_repeat", "search.basis", "mesh", "effects", "objective", "measurement")
+_SEARCH = ("seed", "n_repeat", "basis", "precision")
+_IDENTITY = ("search", *(f"search.{name}" for name in _SEARCH), "mesh", "effects", "objective", "measurement")
 
 
 def _identity(recipe: Run) -> tuple[Any, ...]:
     config, search = recipe.config, recipe.config.search
     measurement = config.measurement.model_copy(update={"file": None})
-    own = recipe.optimizer(), search.seed, search.n_repeat, search.basis
+    own = recipe.optimizer(), *(getattr(search, name) for name in _SEARCH)
     return *own, config.mesh, config.effects, config.objective, measurement
 
 

@@ -59,6 +59,12 @@ class Job:
         def objective(position: torch.Tensor) -> torch.Tensor:
             return searched(space.to_si(position))
 
+        in_single = searched.of(searched.model.in_single_precision()) if settings.precision == "single" else searched
+
+        @torch.no_grad()
+        def fitness(position: torch.Tensor) -> torch.Tensor:
+            return in_single(space.to_si(position))
+
         if isinstance(self.optimizer, LeastSquares):
             return least_squares_from_many_starts(
                 lambda position: searched.residual(space.to_si(position)),
@@ -72,8 +78,8 @@ class Job:
                 dtype=known.dtype,
                 on_generation=on_generation,
             )
-        return minimize(
-            objective if group is None else ShardedObjective(objective, group),
+        outcome = minimize(
+            fitness if group is None else ShardedObjective(fitness, group),
             self.optimizer,
             n_dimension=len(searched.model.names),
             generator=torch.Generator(known.device).manual_seed(settings.seed),
@@ -87,6 +93,10 @@ class Job:
             on_generation=on_generation,
             resume=self.checkpoint,
         )
+        if in_single is searched:
+            return outcome
+        with torch.no_grad():
+            return outcome._replace(best_objective=objective(outcome.best_position))
 
 
 @torch.no_grad()

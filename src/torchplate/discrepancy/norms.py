@@ -23,8 +23,8 @@ def relative_frf_norm(
 ) -> Float[Tensor, "*batch"]:
     """Σ_r ‖H_measured,r − H_model,r‖ / ‖H_measured,r‖ over the FRFs r, complex [-]. Source: seed paper, Eq. 22."""
     # As `complex_residual` has it, but each FRF is divided by its norm after the sum over its lines: half the work.
-    difference = model - measured.frf
-    square = (difference.real.square() + difference.imag.square()).sum(-3)
+    difference = model - measured.frf.to(model.dtype)
+    square = torch.view_as_real(difference).square().sum((-1, -4))
     return (square.sqrt() * relative_slope(measured)[0]).sum((-2, -1))
 
 

@@ -124,7 +124,7 @@ class SparseModel:
         parts, weight = [self.stiffness, self.mass, self.viscous], [kappa, mu, laplace]
         if self.hysteretic is not None:
             parts, weight = [*parts, self.hysteretic], [*weight, torch.full_like(laplace, 1j)]
-        return parts, torch.stack(weight).numpy()
+        return parts, torch.stack(torch.broadcast_tensors(*weight)).numpy()
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """(K + shift M)⁻¹ times columns; the factors are kept."""

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
+from torch.autograd import forward_ad
 
 from torchplate.effects import SensorChain
 from torchplate.model.modal_sum import LINES_AT_ONCE, attach, modal_sum, terms_first
@@ -160,7 +161,13 @@ def as_kind(
         value = value.flatten(-2)[..., chain.reading]
     if kind == "transmissibility":
         return chain.factor * (1 - s**2 * value)
-    return (chain.factor * s ** DERIVATIVE[kind]) * value
+    # The value first: where its lines lie side by side in memory, they still do afterwards.
+    return value * (chain.factor * s ** DERIVATIVE[kind]).to(value.dtype)
+
+
+def transformed() -> bool:
+    """Whether a transform of `torch.func` or forward mode is at work: then plain operations alone are right."""
+    return torch._C._functorch.peek_interpreter_stack() is not None or forward_ad._current_level >= 0
 
 
 def lines_at_once(memory: int, n_member: int, left: Tensor, right: Tensor, system: System) -> int:

@@ -18,6 +18,7 @@ from torchplate.model.frf import (
     laplace_lines,
     lines_at_once,
     sensor_chain,
+    transformed,
 )
 from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
 from torchplate.model.modal_sum import MEMBERS_AT_ONCE
@@ -101,7 +102,7 @@ class PlateModel(nn.Module):
         self.register_buffer("known", torch.tensor(values, dtype=torch.float64))
         self.assembly = Assembly(mesh) if assembly is None else assembly
         self.shared_modes: SharedModes | None = None
-        self.couples_modes = True
+        self.couples_modes, self.in_single = True, False
         # Made now, because what is first made inside a torch.func transform belongs to that transform.
         for name, member in vars(Mesh).items():
             if isinstance(member, functools.cached_property):
@@ -179,6 +180,18 @@ class PlateModel(nn.Module):
         twin = copy.copy(self)
         twin._modules = dict(self._modules)
         twin.couples_modes = False
+        return twin
+
+    def in_single_precision(self) -> "PlateModel":
+        """The same model for searches: under `torch.no_grad` its FRFs are put together in single precision.
+
+        Where all members share their modes (`reduce` tells) it is half as fast again, and off by about 1e-6 of an FRF's
+        norm; elsewhere nothing changes. How far a line is from a pole is found in double precision all the same, and
+        derivatives never leave it.
+        """
+        twin = copy.copy(self)
+        twin._modules = dict(self._modules)
+        twin.in_single = True
         return twin
 
     def values(self, theta: Float[Tensor, "*batch n_parameter"]) -> dict[str, dict[str, Tensor]]:
@@ -307,7 +320,8 @@ class PlateModel(nn.Module):
     ) -> Complex[Tensor, "n_member n_frequency n_response n_reference"]:
         plan = self.plan(theta)
         if self.shared_modes is not None:
-            of_plan = functools.partial(self.shared_modes.receptance, self.assembly, plan)
+            in_single = self.in_single and not torch.is_grad_enabled() and not transformed()
+            of_plan = functools.partial(self.shared_modes.receptance, self.assembly, plan, in_single=in_single)
             whole = self._observed(theta, plan, laplace, (response, reference, kind), of_plan)
             return whole.expand(len(theta), *whole.shape[-3:])
         system = self.assembly.system(*plan)

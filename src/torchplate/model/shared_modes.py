@@ -12,14 +12,17 @@ are already in K₀ and M₀.
 Everything here is a smooth formula of theta in plain torch operations: its derivatives of any order are torch's own.
 """
 
+import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
-from torchplate.model.frf import joined, stack_rows
-from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, attach, modal_sum, terms_first
+from torchplate.model.attached_sum import Rows, attached_sum
+from torchplate.model.frf import stack_rows
+from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, reciprocal, terms_first
 from torchplate.model.modes import solve_modes
 from torchplate.plate import Assembly, Plan, Proportional
 from torchplate.plate.assemble import concatenate
@@ -28,6 +31,8 @@ from torchplate.plate.assemble import concatenate
 MOST_TERMS = 12
 # Coefficients of members agree to rounding, or they are not multiples of the nominal ones.
 ALIKE = 1e-12
+# Sets of lines whose stretches are remembered.
+REMEMBERED = 8
 
 
 class Nominal(NamedTuple):
@@ -51,11 +56,12 @@ class Attached(NamedTuple):
         self, z: Complex[Tensor, "*batch n_frequency"], rate: Complex[Tensor, "*batch n_frequency"]
     ) -> Complex[Tensor, "n_term *batch n_frequency"]:
         """D / eκ = k/e − z m/m + c s/eκ, the last factor given as `rate`."""
-        total = z.new_zeros(self.row.shape[-2], *(1,) * z.ndim)
+        parts = []
         for value, weight in zip(self[1:], (-z, None, rate), strict=True):
             if value is not None:
-                own = terms_first(value, z.ndim - 1)
-                total = total + (own if weight is None else own * weight)
+                own = terms_first(value, z.ndim - 1).to(z.real.dtype)
+                parts.append(own if weight is None else own * weight)
+        total = functools.reduce(torch.add, parts, z.new_zeros(self.row.shape[-2], *(1,) * z.ndim))
         return total.expand(len(total), *z.shape)
 
 
@@ -65,7 +71,7 @@ class SharedModes(nn.Module):
     Args:
         eigenvalue: λ of (K₀, M₀) in the assembly's basis, whose vectors are the modes, lowest first [rad²/s²].
         nominal: what K₀ and M₀ were assembled from.
-        ends: m/e and the four kinds of damping of members at the ends of the box, which tell where z may be.
+        ends: least and greatest m/e and the same of the four kinds of damping in the box, which tell where z may be.
     """
 
     eigenvalue: Tensor
@@ -75,8 +81,9 @@ class SharedModes(nn.Module):
     lump: Tensor
     ends: Tensor
 
-    def __init__(self, eigenvalue: Float[Tensor, " n"], nominal: Nominal, ends: Float[Tensor, "5 n_end"]) -> None:
+    def __init__(self, eigenvalue: Float[Tensor, " n"], nominal: Nominal, ends: Float[Tensor, "5 2"]) -> None:
         super().__init__()
+        self._stretches: dict[tuple[object, ...], list[Stretch]] = {}
         # One entry tells the factor of all: the largest is never one that vanishes.
         self.entry = divmod(int(nominal.stiffness.abs().argmax()), nominal.stiffness.shape[-1])
         parts = {
@@ -97,6 +104,7 @@ class SharedModes(nn.Module):
         laplace: Complex[Tensor, "*#batch n_frequency"],
         left: Float[Tensor, "*#batch n_left n"],
         right: Float[Tensor, "*#batch n_right n"],
+        in_single: bool = False,
     ) -> Complex[Tensor, "*batch n_frequency n_left n_right"]:
         """α [m/N].
 
@@ -106,30 +114,54 @@ class SharedModes(nn.Module):
             laplace: s [1/s].
             left: modal deflections at the responses [1/√kg].
             right: modal deflections at the references [1/√kg].
+            in_single: products and sums in single precision, for values alone.
         """
         stiffness, mass = _coefficients(assembly, plan)
         e, m = stiffness[..., self.entry[0], self.entry[1]] / self.stiffness, mass[..., 0, 0] / self.mass
         damping = assembly.proportional(plan.damping)
         attached = self._attached(assembly, plan, e, m)
         sides = [stack_rows(attached.row, side) for side in (left, right)]
-        values = [part.shape[:-1] for part in (*attached[1:], laplace, *damping.at(laplace)) if part is not None]
+        kappa, mu = damping.at(laplace)
+        values = [part.shape[:-1] for part in (*attached[1:], kappa, mu) if part is not None]
         batch = torch.broadcast_shapes(e.shape, m.shape, *values, *(side.shape[:-2] for side in sides))
-        parts = []
-        for s in laplace.split(LINES_AT_ONCE if laplace.device.type == "cpu" else laplace.shape[-1], dim=-1):
-            kappa, mu = damping.at(s)
-            # Of the whole batch, also where only terms or places differ between the members.
-            flexibility = (1 / (e[..., None] * kappa)).expand(*batch, s.shape[-1])
-            z = -m[..., None] * mu * flexibility
-            found = modal_sum(self.eigenvalue, sides[0], sides[1], z, self._expected(s), CLOSE)
-            parts.append(attach(found, attached.stiffness(z, s * flexibility)) * flexibility)
-        return joined(parts, -1).movedim((0, 1), (-2, -1))
+        flexibility = reciprocal(e[..., None] * kappa)
+        # Of the whole batch, also where only terms or places differ between the members.
+        z = (-m[..., None] * mu * flexibility).expand(*batch, laplace.shape[-1])
+        numbers = torch.complex64 if in_single else z.dtype
+        force = attached.stiffness(z.to(numbers), (laplace * flexibility).expand(z.shape).to(numbers))
+        at_once = LINES_AT_ONCE if laplace.device.type == "cpu" else laplace.shape[-1]
+        stretches: Sequence[Stretch | None] = self._expected(laplace, at_once, m / e, damping) or [
+            self._around(block) for block in z.split(at_once, dim=-1)
+        ]
+        found = attached_sum(Rows(self.eigenvalue, *sides), z, force, stretches, at_once, in_single)
+        return (found * flexibility.to(found)).movedim((0, 1), (-2, -1))
 
-    def _expected(self, laplace: Tensor) -> Disc | None:
-        """Where z of a block of lines may be; not known where the sensor chain bends s itself."""
-        if laplace.ndim > 1:
+    def _expected(self, laplace: Tensor, at_once: int, ratio: Tensor, damping: Proportional) -> list[Stretch] | None:
+        """Where z of each block of lines may be in the box; None of members beyond it, or a bent s: nobody knows."""
+        if laplace.ndim > 1 or torch.is_inference_mode_enabled():
             return None
-        kappa, mu = Proportional(*self.ends[1:]).at(laplace)
-        return Disc.around(-self.ends[0, :, None] * mu / kappa, self.eigenvalue)
+        parts = torch.broadcast_tensors(*(torch.as_tensor(part).to(ratio).detach() for part in (ratio, *damping)))
+        own, (low, high) = torch.stack(parts).reshape(len(parts), -1), self.ends[..., None].unbind(1)
+        try:
+            if bool(((own < low - ALIKE * low.abs()) | (own > high + ALIKE * high.abs())).any()):
+                return None
+            key = (laplace.device, laplace.dtype, at_once, laplace.detach().cpu().numpy().tobytes())
+        except RuntimeError:
+            # Under `vmap` nobody may look.
+            return None
+        if key not in self._stretches:
+            if len(self._stretches) >= REMEMBERED:
+                self._stretches.clear()
+            corner = torch.cartesian_prod(*self.ends).unique(dim=0).mT
+            kappa, mu = Proportional(*corner[1:]).at(laplace)
+            z = -corner[0, :, None] * mu / kappa
+            found = [self._around(block) for block in z.split(at_once, dim=-1)]
+            self._stretches[key] = [stretch for stretch in found if stretch is not None]
+        return self._stretches[key]
+
+    def _around(self, z: Tensor) -> Stretch | None:
+        disc = Disc.around(z, self.eigenvalue)
+        return None if disc is None else Stretch.around(disc, self.eigenvalue, CLOSE)
 
     def _attached(self, assembly: Assembly, plan: Plan, e: Tensor, m: Tensor) -> Attached:
         """All terms; a mass over m and a spring over e, so that what M₀ and K₀ hold of them is the same for all."""
@@ -206,5 +238,4 @@ def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple
         found[1] / found[0], *(torch.as_tensor(part).to(mass) for part in assembly.proportional(members.damping))
     )
     every = torch.stack([part.reshape(-1) for part in parts])
-    ends = torch.cat([every.argmin(1), every.argmax(1)]).unique()
-    return modes.shape, SharedModes(modes.eigenvalue, whole, every[:, ends])
+    return modes.shape, SharedModes(modes.eigenvalue, whole, torch.stack(every.aminmax(dim=1), dim=-1))

@@ -90,10 +90,20 @@ class Proportional(NamedTuple):
 
     def at(
         self, laplace: Complex[Tensor, "*#batch n_frequency"]
-    ) -> tuple[Complex[Tensor, "*#batch n_frequency"], Complex[Tensor, "*#batch n_frequency"]]:
-        """What K and M are times at each s: κ = 1 + iβ + sb and μ = iη + sa + s²."""
+    ) -> tuple[Complex[Tensor, "*#batch #n_frequency"], Complex[Tensor, "*#batch n_frequency"]]:
+        """What K and M are times at each s: κ = 1 + iβ + sb and μ = iη + sa + s².
+
+        What no effect brings is the number 0 here and costs nothing: without b, κ is the same at all lines.
+        """
         beta, eta, a, b = (value[..., None] if isinstance(value, Tensor) else value for value in self)
-        return 1 + 1j * beta + laplace * b, 1j * eta + laplace * a + laplace**2
+        kappa, mu = laplace.new_ones(1) + 1j * beta, laplace**2
+        if isinstance(b, Tensor) or b:
+            kappa = kappa + laplace * b
+        if isinstance(a, Tensor) or a:
+            mu = mu + laplace * a
+        if isinstance(eta, Tensor) or eta:
+            mu = mu + 1j * eta
+        return kappa, mu
 
 
 class Plan(NamedTuple):

@@ -1,0 +1,267 @@
+"""Modal sums with terms attached, block of lines by block of lines: values in place, and their gradient by the adjoint.
+
+`modal_sum` and `attach` say what is computed, in operations that may be differentiated in any way and as often as one
+likes. Here the same is done for plates that share their modes, where a population is one long row of lines, in arrays
+that are written over and so stay in the cache. With X = G_rt S⁻¹ and S = D⁻¹ + G_tt the receptance is
+H = G_rh − X G_th, and
+
+    dH = dG_rh − X dG_th − dG_rt Y + X dG_tt Y − (X D⁻¹) dD (D⁻¹ Y),    Y = S⁻¹ G_th,
+
+again −H dZ H for the attached terms. For an incoming weight V only A = V Yᵀ is solved for, one more row beside each
+response, and what stands before the derivative of G belongs to pairs of rows: (Xᵀ, −1) times (A, −V). The derivative
+of G in z is that of its features: 1 / (λ − z)² of near modes, T_k' = k U_(k−1) of the series.
+
+Derivatives of derivatives, forward mode and `torch.func` go through the plain operations.
+"""
+
+# ruff: noqa: ARG004  # torch says which arguments a custom function has, needed or not
+
+import threading
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+from torch.autograd import Function
+
+from torchplate.model.frf import joined, transformed
+from torchplate.model.modal_sum import Stretch, attach, modal_sum, reciprocal
+
+# Numbers in an array that is kept from call to call.
+KEPT = 2**20
+
+
+class Rows(NamedTuple):
+    """Modes, and where they are read and pushed."""
+
+    eigenvalue: Float[Tensor, "*#batch n"]  # λ, lowest first [rad²/s²]
+    left: Float[Tensor, "*#batch n_left n"]  # at the terms, then the responses [1/√kg]
+    right: Float[Tensor, "*#batch n_right n"]  # at the terms, then the references [1/√kg]
+
+    @property
+    def alike(self) -> bool:
+        """Whether all members have the same ones."""
+        return self.eigenvalue.ndim == 1 and self.left.ndim == self.right.ndim == 2
+
+
+def attached_sum(
+    rows: Rows,
+    z: Complex[Tensor, "*batch n_frequency"],
+    force: Complex[Tensor, "n_term *batch n_frequency"],
+    stretches: Sequence[Stretch | None],
+    at_once: int,
+    in_single: bool = False,
+) -> Complex[Tensor, "n_response n_reference *batch n_frequency"]:
+    """G between responses and references with all terms attached, differentiable in everything.
+
+    Args:
+        rows: modes and where they are read.
+        z: −μ/κ [rad²/s²].
+        force: D of each term, in the units of 1 / G.
+        stretches: of each block of lines; None where nothing is known of z.
+        at_once: lines in a block.
+        in_single: single precision, for values alone.
+    """
+    moving = torch.is_grad_enabled() and any(part.requires_grad for part in rows)
+    if rows.alike and not moving and all(stretches) and not transformed():
+        return _AttachedSum.apply(z, force, rows, stretches, at_once, in_single)
+    return _plain(rows, z, force, stretches, at_once)
+
+
+def _plain(rows: Rows, z: Tensor, force: Tensor, stretches: Sequence[Stretch | None], at_once: int) -> Tensor:
+    blocks = zip(z.split(at_once, dim=-1), force.split(at_once, dim=-1), stretches, strict=True)
+    return joined([attach(modal_sum(*rows, own, stretch), tied) for own, tied, stretch in blocks], -1)
+
+
+class _AttachedSum(Function):
+    """The values in place; the first derivative by the adjoint, further ones from the plain operations."""
+
+    @staticmethod
+    def forward(
+        z: Tensor, force: Tensor, rows: Rows, stretches: Sequence[Stretch], at_once: int, in_single: bool
+    ) -> Tensor:
+        found = None
+        for lines, block in _blocks(rows, z, force, stretches, at_once, in_single):
+            own = block.attached()
+            if found is None:
+                found = own.new_empty(*own.shape[:2], *z.shape)
+            found[..., lines] = own.unflatten(-1, (*z.shape[:-1], -1))
+        assert found is not None
+        return found
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
+        ctx.save_for_backward(*inputs[:2])
+        ctx.rest = inputs[2:]
+
+    @staticmethod
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
+        z, force = ctx.saved_tensors
+        rows, stretches, at_once, _ = ctx.rest
+        if torch.is_grad_enabled():
+            # Somebody will differentiate the derivative.
+            found = _plain(rows, z, force, stretches, at_once)
+            wanted = [part for part, needed in zip((z, force), ctx.needs_input_grad, strict=False) if needed]
+            grads = iter(torch.autograd.grad(found, wanted, grad, create_graph=True))
+            return *(next(grads) if needed else None for needed in ctx.needs_input_grad[:2]), None, None, None, None
+        of_z, of_force = torch.empty_like(z), torch.empty_like(force)
+        for lines, block in _blocks(rows, z, force, stretches, at_once, False):
+            own = block.gradient(grad[..., lines].flatten(2))
+            of_z[..., lines], of_force[..., lines] = (part.unflatten(-1, (*z.shape[:-1], -1)) for part in own)
+        return of_z, of_force, None, None, None, None
+
+
+class _Block(NamedTuple):
+    """A block of lines of all members, one long row of points, and the arrays that each block writes over."""
+
+    rows: Rows
+    stretch: Stretch
+    z: Tensor  # [point]
+    force: Tensor  # [term, point]
+    real: Tensor  # two arrays over modes and points
+    feature: Tensor  # [feature, point]
+    found: Tensor  # [n_left, n_right, point]
+
+    def features(self) -> Tensor:
+        """1 / (λ − z) of near modes, then T_k of the series [feature, point]."""
+        disc, first, last, series = self.stretch
+        near, slow = self.feature.split([last - first, len(self.feature) - (last - first)])
+        apart, scale = self.real
+        # The difference in double precision: beside a pole its digits are all that counts.
+        torch.sub(self.rows.eigenvalue[first:last, None], self.z.real.contiguous(), out=apart)
+        y = self.z.imag.contiguous().to(apart)
+        torch.addcmul(y * y, apart, apart, out=scale).reciprocal_()
+        torch.complex(apart.mul_(scale), scale.mul_(y), out=near)
+        if series is not None:
+            twice = ((self.z - disc.centre) * (2 / disc.half)).to(slow)
+            terms = slow.unbind()
+            terms[0].fill_(1)
+            torch.mul(twice, 0.5, out=terms[1])
+            for before, last, following in zip(terms, terms[1:], terms[2:], strict=False):
+                torch.mul(twice, last, out=following).sub_(before)
+        return self.feature
+
+    def weights(self) -> Tensor:
+        """What each feature counts for each pair of rows [pair, feature]."""
+        pairs = (self.rows.left[:, None] * self.rows.right[None]).flatten(0, 1)
+        near = pairs[:, self.stretch.first : self.stretch.last]
+        whole = near if self.stretch.series is None else torch.cat([near, pairs @ self.stretch.series], dim=-1)
+        return whole.to(self.real)
+
+    def alone(self, feature: Tensor, weight: Tensor) -> Tensor:
+        """G with nothing attached [n_left, n_right, point]."""
+        torch.mm(weight, _as_real(feature), out=_as_real(self.found.flatten(0, 1)))
+        return self.found
+
+    def attached(self) -> Tensor:
+        """G with all terms attached [n_response, n_reference, point]."""
+        n, found = len(self.force), self.alone(self.features(), self.weights())
+        total = found[n:, n:]
+        for pull, row in zip(_solved(found[:, :n], self.force), found[:n, n:], strict=True):
+            total.addcmul_(pull[:, None], row, value=-1)
+        return total
+
+    def gradient(self, grad: Tensor) -> tuple[Tensor, Tensor]:
+        """What the gradient of `attached` makes those of z and of the terms' D."""
+        n, feature, weight = len(self.force), self.features(), self.weights()
+        found, incoming = self.alone(feature, weight), grad.conj().resolve_conj()
+        # Beside each response's row G_rt one more: V G_thᵀ.
+        pushed = torch.zeros_like(found[n:, :n])
+        for index in range(incoming.shape[1]):
+            pushed.addcmul_(incoming[:, index, None], found[None, :n, n + index])
+        felt = torch.cat([found[n:, :n], pushed])
+        pull = _solved(torch.cat([found[:n, :n], felt]), self.force)
+        for own, row in zip(pull, found[:n, :n], strict=True):
+            felt.addcmul_(own[:, None], row, value=-1)
+        moved, pushed = felt.split(len(pushed))
+        pull, adjoint = pull.transpose(0, 1).split(len(pushed))
+        # (Xᵀ, −1) times (A, −V), one response after the other.
+        found[n:, :n], found[n:, n:] = -adjoint, incoming
+        found[:n] = 0
+        for across, along, own in zip(pull, adjoint, incoming, strict=True):
+            found[:n].addcmul_(across[:, None], torch.cat([along, -own]))
+        of_feature = torch.view_as_complex((weight.mT @ _as_real(found.flatten(0, 1))).unflatten(-1, (-1, 2)))
+        n_near = self.stretch.last - self.stretch.first
+        of_z = (feature[:n_near].square() * of_feature[:n_near]).sum(0)
+        if self.stretch.series is not None:
+            # Clenshaw's recurrence for the sum of k U_(k − 1).
+            disc, slow = self.stretch.disc, of_feature[n_near:]
+            twice = (self.z - disc.centre) * (2 / disc.half)
+            last = before = torch.zeros_like(self.z)
+            for k in range(len(slow) - 1, 0, -1):
+                last, before = slow[k] * k + twice * last - before, last
+            of_z = of_z + last / disc.half
+        of_force = -(moved * pushed).sum(0)
+        return of_z.conj().resolve_conj(), of_force.conj().resolve_conj()
+
+
+def _blocks(
+    rows: Rows, z: Tensor, force: Tensor, stretches: Sequence[Stretch], at_once: int, in_single: bool
+) -> Iterator[tuple[slice, _Block]]:
+    """Lines and what is to be done there, block by block."""
+    n_line, n_row, n_column = z.shape[-1], len(rows.left), len(rows.right)
+    of_member = z.reshape(-1, n_line)
+    of_term = force.reshape(len(force), *of_member.shape)
+    sizes = [(s.last - s.first, 0 if s.series is None else s.series.shape[-1]) for s in stretches]
+    n_point, real = len(of_member) * min(at_once, n_line), torch.float32 if in_single else torch.float64
+    kinds = {"real": real, "feature": real.to_complex(), "found": real.to_complex()}
+    numbers = 2 * max(near for near, _ in sizes), max(map(sum, sizes)), n_row * n_column
+    room = [
+        _room(name, number * n_point, dtype, z.device)
+        for (name, dtype), number in zip(kinds.items(), numbers, strict=True)
+    ]
+    for index, ((near, slow), stretch) in enumerate(zip(sizes, stretches, strict=True)):
+        lines = slice(index * at_once, min(n_line, (index + 1) * at_once))
+        own, tied = of_member[:, lines].flatten(), of_term[..., lines].flatten(1).to(room[1].dtype)
+        shapes = (2, near), (near + slow,), (n_row, n_column)
+        arrays = [
+            part[: torch.Size(shape).numel() * len(own)].view(*shape, len(own))
+            for part, shape in zip(room, shapes, strict=True)
+        ]
+        yield lines, _Block(rows, stretch, own, tied, *arrays)
+
+
+class _Rooms(threading.local):
+    """Arrays that are kept from call to call: to get them anew from the system costs as much as to fill them."""
+
+    def __init__(self) -> None:
+        self.arrays: dict[tuple[object, ...], Tensor] = {}
+
+
+_ROOMS = _Rooms()
+
+
+def _room(name: str, number: int, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """An array to write over, one for each name."""
+    key = (name, dtype, device)
+    found = _ROOMS.arrays.get(key)
+    if found is None or len(found) < number or torch.is_inference_mode_enabled():
+        found = torch.empty(number, dtype=dtype, device=device)
+        if number <= KEPT and not torch.is_inference_mode_enabled():
+            _ROOMS.arrays[key] = found
+    return found
+
+
+def _solved(matrix: Tensor, force: Tensor) -> Tensor:
+    """X = G (D⁻¹ + G_tt)⁻¹ [term, row, point], for the rows G below those of the terms, G_tt; written over the matrix.
+
+    By G_tt's symmetric factors; a term whose D is zero has no force.
+    """
+    n, factors = len(force), []
+    pull = matrix.new_empty(n, len(matrix) - n, matrix.shape[-1])
+    for index, tied in enumerate(force):
+        row, column = matrix[0, 1:], matrix[1:, 0]
+        pivot = tied / (1 + tied * matrix[0, 0])
+        factors.append(row * pivot)
+        matrix = matrix[1:, 1:].addcmul_(column[:, None], factors[-1], value=-1)
+        torch.mul(column[n - 1 - index :], pivot, out=pull[index])
+    for index in reversed(range(n)):
+        for later, factor in zip(pull[index + 1 :], factors[index], strict=True):
+            pull[index].addcmul_(later, factor, value=-1)
+    return pull
+
+
+def _as_real(value: Tensor) -> Tensor:
+    """Complex numbers are pairs of real ones in memory: one real product serves both parts."""
+    return torch.view_as_real(value).flatten(-2)

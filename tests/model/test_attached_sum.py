@@ -1,0 +1,141 @@
+"""Values in place and the adjoint's gradient, against the plain operations that say what they are."""
+
+import threading
+
+import pytest
+import torch
+
+from torchplate.model.attached_sum import Rows, attached_sum
+from torchplate.model.modal_sum import CLOSE, Disc, Stretch, attach, modal_sum
+
+N_MODE, N_LINE, AT_ONCE = 60, 50, 20
+
+
+def random(*shape: int, seed: int) -> torch.Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64) - 0.5
+
+
+def system(n_term: int, n_response: int, n_reference: int, batch: tuple[int, ...] = ()):
+    """Modes with two at zero and two equal ones, lines among them, and the stretches of three blocks of lines."""
+    eigenvalue = 6e1 * torch.arange(N_MODE, dtype=torch.float64) ** 2
+    eigenvalue[1], eigenvalue[5] = 0.0, eigenvalue[4]
+    tied = random(n_term, N_MODE, seed=1)
+    left = torch.cat([tied, random(n_response, N_MODE, seed=2)])
+    right = torch.cat([tied, random(n_reference, N_MODE, seed=3)])
+    x = 1e2 + 2e4 * torch.linspace(0, 1, N_LINE, dtype=torch.float64) * (1 + 0.2 * random(*batch, 1, seed=4))
+    z = torch.complex(x, -1e-2 * x - 1.0)
+    force = torch.complex(*(3e3 * random(n_term, *batch, N_LINE, seed=seed) for seed in (5, 6)))
+    stretches = [Stretch.around(Disc.around(own, eigenvalue), eigenvalue, CLOSE) for own in z.split(AT_ONCE, dim=-1)]
+    return Rows(eigenvalue, left, right), z, force, stretches
+
+
+def plain(rows: Rows, z, force, stretches) -> torch.Tensor:
+    blocks = zip(z.split(AT_ONCE, dim=-1), force.split(AT_ONCE, dim=-1), stretches, strict=True)
+    return torch.cat([attach(modal_sum(*rows, own, stretch), tied) for own, tied, stretch in blocks], dim=-1)
+
+
+SIZES = pytest.mark.parametrize(("n_term", "n_response", "n_reference"), [(0, 2, 1), (1, 1, 3), (4, 1, 6), (3, 3, 2)])
+BATCHES = pytest.mark.parametrize("batch", [(), (3,), (2, 3)], ids=str)
+
+
+@SIZES
+@BATCHES
+def test_values_are_those_of_the_plain_operations(n_term: int, n_response: int, n_reference: int, batch) -> None:
+    given = system(n_term, n_response, n_reference, batch)
+    found, expected = attached_sum(*given, AT_ONCE), plain(*given)
+    assert any(stretch.series is not None for stretch in given[3])
+    assert found.shape == (n_response, n_reference, *batch, N_LINE)
+    assert float((found - expected).abs().max() / expected.abs().max()) < 1e-13
+
+
+@SIZES
+@BATCHES
+def test_the_gradient_is_that_of_the_plain_operations(n_term: int, n_response: int, n_reference: int, batch) -> None:
+    rows, z, force, stretches = system(n_term, n_response, n_reference, batch)
+    weight = torch.complex(*(random(n_response, n_reference, *batch, N_LINE, seed=seed) for seed in (7, 8)))
+
+    def gradients(way) -> list[torch.Tensor]:
+        inputs = [z.clone().requires_grad_(), force.clone().requires_grad_()]
+        # With no term there is nothing to differentiate by.
+        return list(torch.autograd.grad(way(*inputs), inputs[: 1 + bool(n_term)], weight))
+
+    expected = gradients(lambda z, force: plain(rows, z, force, stretches))
+    found = gradients(lambda z, force: attached_sum(rows, z, force, stretches, AT_ONCE))
+    for own, other in zip(found, expected, strict=True):
+        assert own.shape == other.shape
+        assert float((own - other).abs().max()) < 1e-12 * float(other.abs().max())
+
+
+def test_a_term_without_force_has_a_gradient_too() -> None:
+    rows, z, force, stretches = system(3, 1, 2)
+    force = force.clone()
+    force[1] = 0.0
+    force.requires_grad_()
+    (found,) = torch.autograd.grad(attached_sum(rows, z, force, stretches, AT_ONCE).abs().square().sum(), force)
+    (expected,) = torch.autograd.grad(plain(rows, z, force, stretches).abs().square().sum(), force)
+    assert float(expected[1].abs().min()) > 0
+    torch.testing.assert_close(found, expected, rtol=1e-10, atol=0)
+
+
+def test_a_gradient_can_be_differentiated_again() -> None:
+    rows, z, force, stretches = system(2, 1, 2)
+
+    def twice(way) -> tuple[torch.Tensor, ...]:
+        inputs = [z.clone().requires_grad_(), force.clone().requires_grad_()]
+        once = torch.autograd.grad(way(*inputs).abs().square().sum(), inputs, create_graph=True)
+        return torch.autograd.grad(sum(part.abs().square().sum() for part in once), inputs)
+
+    found = twice(lambda z, force: attached_sum(rows, z, force, stretches, AT_ONCE))
+    for own, other in zip(found, twice(lambda z, force: plain(rows, z, force, stretches)), strict=True):
+        torch.testing.assert_close(own, other, rtol=1e-9, atol=1e-12 * float(other.abs().max()))
+
+
+def test_only_what_is_wanted_is_differentiated_again() -> None:
+    rows, z, force, stretches = system(2, 1, 2)
+    z.requires_grad_()
+    found = attached_sum(rows, z, force, stretches, AT_ONCE).abs().square().sum()
+    (once,) = torch.autograd.grad(found, z, create_graph=True)
+    (twice,) = torch.autograd.grad(once.abs().square().sum(), z)
+    assert bool(twice.isfinite().all())
+
+
+def test_single_precision_is_as_good_as_its_digits_beside_a_sharp_peak_too() -> None:
+    rows, z, force, stretches = system(0, 2, 3, (5,))
+    # A line a millionth of a mode's eigenvalue away from it, with no damping to speak of: in single precision the
+    # difference of the two alone would have one digit.
+    z[0, 7] = torch.complex(rows.eigenvalue[10] * (1 + 1e-6), rows.eigenvalue[10] * -1e-9)
+    found, expected = attached_sum(rows, z, force, stretches, AT_ONCE, in_single=True), plain(rows, z, force, stretches)
+    assert found.dtype == torch.complex64
+    error = (found - expected).norm(dim=-1) / expected.norm(dim=-1)
+    assert 1e-9 < float(error.max()) < 1e-6
+
+
+def test_attached_terms_cost_single_precision_some_digits_and_no_more() -> None:
+    given = system(4, 2, 3, (5,))
+    found, expected = attached_sum(*given, AT_ONCE, in_single=True), plain(*given)
+    error = (found - expected).norm(dim=-1) / expected.norm(dim=-1)
+    assert 1e-9 < float(error.max()) < 1e-5
+
+
+def test_a_result_is_not_written_over_by_the_next() -> None:
+    first, other = system(4, 1, 6, (3,)), system(4, 1, 6, (2,))
+    found = attached_sum(*first, AT_ONCE)
+    kept = found.clone()
+    attached_sum(*other, AT_ONCE)
+    assert torch.equal(found, kept)
+
+
+def test_threads_do_not_write_over_each_other() -> None:
+    given = [system(4, 1, 6, (n,)) for n in (3, 4, 5, 6)]
+    expected, found = [attached_sum(*own, AT_ONCE) for own in given], [[] for _ in given]
+
+    def work(index: int) -> None:
+        found[index] = [attached_sum(*given[index], AT_ONCE) for _ in range(20)]
+
+    threads = [threading.Thread(target=work, args=(index,)) for index in range(len(given))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for own, one in zip(found, expected, strict=True):
+        assert len(own) == 20 and all(torch.equal(value, one) for value in own)
