@@ -5,8 +5,9 @@ import threading
 import pytest
 import torch
 
+from torchplate.model.attach import attach
 from torchplate.model.attached_sum import Rows, attached_sum
-from torchplate.model.modal_sum import CLOSE, Disc, Stretch, attach, modal_sum
+from torchplate.model.modal_sum import CLOSE, Disc, Stretch, modal_sum
 
 N_MODE, N_LINE, AT_ONCE = 60, 50, 20
 
@@ -138,4 +139,5 @@ def test_threads_do_not_write_over_each_other() -> None:
     for thread in threads:
         thread.join()
     for own, one in zip(found, expected, strict=True):
-        assert len(own) == 20 and all(torch.equal(value, one) for value in own)
+        assert len(own) == 20
+        assert all(torch.equal(value, one) for value in own)

@@ -7,15 +7,14 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from torchplate.model.attach import attach
 from torchplate.model.modal_sum import (
     EXACT,
     Disc,
     Stretch,
-    attach,
     chebyshev_series,
     chebyshev_values,
     modal_sum,
-    reciprocal,
 )
 
 N_MODE = 50

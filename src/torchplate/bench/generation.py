@@ -9,7 +9,8 @@ from torchplate.bench.peer import Peer
 from torchplate.bench.problem import LINES, N_MEMBER, REFERENCE, members, paper_model
 from torchplate.bench.timing import interleaved, peak_memory, rates, seconds
 from torchplate.model import PlateModel, reduce
-from torchplate.model.modal_sum import CLOSE, attach, modal_sum
+from torchplate.model.attach import attach_
+from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, modal_sum
 from torchplate.model.modes import solve_modes
 
 # Lines at which every way is compared with a direct solve of the dynamic stiffness.
@@ -83,16 +84,19 @@ def _parts(shared: PlateModel, small: PlateModel, theta: Tensor, bent: Tensor, n
     assert shared.shared_modes is not None
     eigenvalue, system = shared.shared_modes.eigenvalue, small.system(bent)
     rows = torch.rand(10, len(eigenvalue), dtype=torch.float64)
-    omega = 2 * torch.pi * LINES[:256].expand(N_MEMBER, -1)
+    omega = 2 * torch.pi * LINES[:LINES_AT_ONCE].expand(N_MEMBER, -1)
     z = torch.complex(omega**2, -0.004 * omega**2)
     blocks = len(LINES) / z.shape[-1]
-    found = modal_sum(eigenvalue, rows[:5], rows, z, None, CLOSE)
-    force = torch.rand(4, *z.shape, dtype=torch.complex128)
+    disc = Disc.around(z, eigenvalue)
+    assert disc is not None
+    stretch = Stretch.around(disc, eigenvalue, CLOSE)
+    found = modal_sum(eigenvalue, rows[:5], rows, z, stretch).flatten(2)
+    force = torch.rand(4, z.numel(), dtype=torch.complex128)
     return {
         "shared modes: what the effects say": seconds(lambda: shared.plan(theta), n_repeat),
         "shared modes: modal sum": blocks
-        * seconds(lambda: modal_sum(eigenvalue, rows[:5], rows, z, None, CLOSE), n_repeat),
-        "shared modes: wires attached": blocks * seconds(lambda: attach(found, force), n_repeat),
+        * seconds(lambda: modal_sum(eigenvalue, rows[:5], rows, z, stretch), n_repeat),
+        "shared modes: wires attached": blocks * seconds(lambda: attach_(found, force), n_repeat),
         "reduced basis: matrices": seconds(lambda: small.system(bent), n_repeat),
         "reduced basis: eigh": seconds(lambda: solve_modes(system.stiffness, system.mass), n_repeat),
     }

@@ -2,14 +2,8 @@
 
 `modal_sum` and `attach` say what is computed, in operations that may be differentiated in any way and as often as one
 likes. Here the same is done for plates that share their modes, where a population is one long row of lines, in arrays
-that are written over and so stay in the cache. With X = G_rt S⁻¹ and S = D⁻¹ + G_tt the receptance is
-H = G_rh − X G_th, and
-
-    dH = dG_rh − X dG_th − dG_rt Y + X dG_tt Y − (X D⁻¹) dD (D⁻¹ Y),    Y = S⁻¹ G_th,
-
-again −H dZ H for the attached terms. For an incoming weight V only A = V Yᵀ is solved for, one more row beside each
-response, and what stands before the derivative of G belongs to pairs of rows: (Xᵀ, −1) times (A, −V). The derivative
-of G in z is that of its features: 1 / (λ − z)² of near modes, T_k' = k U_(k−1) of the series.
+that are written over and so stay in the cache. `attach.weights` says what stands before the derivative of G; that of G
+in z is that of its features, 1 / (λ − z)² of near modes and T_k' = k U_(k−1) of the series.
 
 Derivatives of derivatives, forward mode and `torch.func` go through the plain operations.
 """
@@ -25,8 +19,9 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 from torch.autograd import Function
 
+from torchplate.model.attach import attach, attach_, weights
 from torchplate.model.frf import joined, transformed
-from torchplate.model.modal_sum import Stretch, attach, modal_sum, reciprocal
+from torchplate.model.modal_sum import Stretch, modal_sum
 
 # Numbers in an array that is kept from call to call.
 KEPT = 2**20
@@ -156,32 +151,13 @@ class _Block(NamedTuple):
 
     def attached(self) -> Tensor:
         """G with all terms attached [n_response, n_reference, point]."""
-        n, found = len(self.force), self.alone(self.features(), self.weights())
-        total = found[n:, n:]
-        for pull, row in zip(_solved(found[:, :n], self.force), found[:n, n:], strict=True):
-            total.addcmul_(pull[:, None], row, value=-1)
-        return total
+        return attach_(self.alone(self.features(), self.weights()), self.force)
 
     def gradient(self, grad: Tensor) -> tuple[Tensor, Tensor]:
         """What the gradient of `attached` makes those of z and of the terms' D."""
-        n, feature, weight = len(self.force), self.features(), self.weights()
-        found, incoming = self.alone(feature, weight), grad.conj().resolve_conj()
-        # Beside each response's row G_rt one more: V G_thᵀ.
-        pushed = torch.zeros_like(found[n:, :n])
-        for index in range(incoming.shape[1]):
-            pushed.addcmul_(incoming[:, index, None], found[None, :n, n + index])
-        felt = torch.cat([found[n:, :n], pushed])
-        pull = _solved(torch.cat([found[:n, :n], felt]), self.force)
-        for own, row in zip(pull, found[:n, :n], strict=True):
-            felt.addcmul_(own[:, None], row, value=-1)
-        moved, pushed = felt.split(len(pushed))
-        pull, adjoint = pull.transpose(0, 1).split(len(pushed))
-        # (Xᵀ, −1) times (A, −V), one response after the other.
-        found[n:, :n], found[n:, n:] = -adjoint, incoming
-        found[:n] = 0
-        for across, along, own in zip(pull, adjoint, incoming, strict=True):
-            found[:n].addcmul_(across[:, None], torch.cat([along, -own]))
-        of_feature = torch.view_as_complex((weight.mT @ _as_real(found.flatten(0, 1))).unflatten(-1, (-1, 2)))
+        feature, weight = self.features(), self.weights()
+        of_found, of_force = weights(self.alone(feature, weight), self.force, grad.conj().resolve_conj())
+        of_feature = torch.view_as_complex((weight.mT @ _as_real(of_found.flatten(0, 1))).unflatten(-1, (-1, 2)))
         n_near = self.stretch.last - self.stretch.first
         of_z = (feature[:n_near].square() * of_feature[:n_near]).sum(0)
         if self.stretch.series is not None:
@@ -192,7 +168,6 @@ class _Block(NamedTuple):
             for k in range(len(slow) - 1, 0, -1):
                 last, before = slow[k] * k + twice * last - before, last
             of_z = of_z + last / disc.half
-        of_force = -(moved * pushed).sum(0)
         return of_z.conj().resolve_conj(), of_force.conj().resolve_conj()
 
 
@@ -241,25 +216,6 @@ def _room(name: str, number: int, dtype: torch.dtype, device: torch.device) -> T
         if number <= KEPT and not torch.is_inference_mode_enabled():
             _ROOMS.arrays[key] = found
     return found
-
-
-def _solved(matrix: Tensor, force: Tensor) -> Tensor:
-    """X = G (D⁻¹ + G_tt)⁻¹ [term, row, point], for the rows G below those of the terms, G_tt; written over the matrix.
-
-    By G_tt's symmetric factors; a term whose D is zero has no force.
-    """
-    n, factors = len(force), []
-    pull = matrix.new_empty(n, len(matrix) - n, matrix.shape[-1])
-    for index, tied in enumerate(force):
-        row, column = matrix[0, 1:], matrix[1:, 0]
-        pivot = tied / (1 + tied * matrix[0, 0])
-        factors.append(row * pivot)
-        matrix = matrix[1:, 1:].addcmul_(column[:, None], factors[-1], value=-1)
-        torch.mul(column[n - 1 - index :], pivot, out=pull[index])
-    for index in reversed(range(n)):
-        for later, factor in zip(pull[index + 1 :], factors[index], strict=True):
-            pull[index].addcmul_(later, factor, value=-1)
-    return pull
 
 
 def _as_real(value: Tensor) -> Tensor:

@@ -17,7 +17,8 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from torchplate.effects import SensorChain
-from torchplate.model.modal_sum import LINES_AT_ONCE, attach, modal_sum, terms_first
+from torchplate.model.attach import attach, terms_first
+from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum
 from torchplate.plate import Proportional, System
 
 KINDS = ("receptance", "mobility", "accelerance", "transmissibility")

@@ -16,16 +16,15 @@ divided differences,
 difference has no digits, the divided difference is the derivative. No array of [line, row, mode, mode] is ever made.
 """
 
-import functools
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
+from torchplate.model.attach import terms_first, weights
 from torchplate.model.frf import stack_rows
 from torchplate.model.impedance import Impedance, conjugate
-from torchplate.model.modal_sum import LINES_AT_ONCE
+from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum
 
 # Eigenvalues closer than this part of their distance to the nearest line: rounding costs 1e-16 / CLOSE of a difference,
 # and the derivative is CLOSE² off.
@@ -46,7 +45,7 @@ def receptance_gradient(
     """
     need = dict(zip(("left", "right", *Impedance._fields), needed, strict=True))
     rows, columns = stack_rows(z.dashpot, left), stack_rows(z.dashpot, right)
-    weight = conjugate(grad).movedim(-3, -1)
+    weight = conjugate(grad).movedim((-2, -1), (0, 1))
     total, of_lines = None, []
     at_once = LINES_AT_ONCE // 2 if grad.device.type == "cpu" else grad.shape[-3]
     for s, own in zip(z.laplace.split(at_once, dim=-1), weight.split(at_once, dim=-1), strict=True):
@@ -97,60 +96,37 @@ def _block(
     z: Impedance, rows: Tensor, columns: Tensor, weight: Tensor, need: dict[str, bool]
 ) -> tuple[_Sums, tuple[Tensor, Tensor, Tensor]]:
     """The sums of a block of lines; and at each line Σ w̄ yᵀAx, Σ w̄ yᵀx, and Σ w̄ (u·y)(u·x) of each dashpot."""
-    n_dashpot, shape = z.dashpot.shape[-2], (rows.shape[-2], columns.shape[-2])
-    n_response, n_reference = weight.shape[-3:-1]
+    shape = rows.shape[-2], columns.shape[-2]
     kappa, mu = z.proportional.at(z.laplace)
-    flexibility = (1 / kappa)[..., None, None, :]
-    pole = -mu / kappa
-    # Arrays are [*batch, row, column, line] here, features [*batch, mode, line].
+    flexibility = 1 / kappa
+    pole = -mu * flexibility
+    # Features are [*batch, mode, line] here.
     apart, y = z.eigenvalue[..., :, None] - pole.real[..., None, :], pole.imag[..., None, :]
     size = 1 / torch.addcmul(y * y, apart, apart)
     real, imaginary = apart * size, y * size
-    once, twice = (real, imaginary), (real * real - imaginary * imaginary, 2 * real * imaginary)
-    pairs = (rows[..., :, None, :] * columns[..., None, :, :]).flatten(-3, -2)
-
-    def summed(feature: tuple[Tensor, Tensor]) -> Tensor:
-        return torch.complex(pairs @ feature[0], pairs @ feature[1]).unflatten(-2, shape) * flexibility
-
-    # Receptances between all rows, the dashpots' own too, first of the plate alone, then with its dashpots.
-    alone = whole = summed(once)
-    for index in range(n_dashpot):
-        gain = (z.laplace * z.viscous[..., index, None])[..., None, None, :]
-        column, row = whole[..., :, index : index + 1, :], whole[..., index : index + 1, :, :]
-        own = row * (gain / (1 + gain * whole[..., index : index + 1, index : index + 1, :]))
-        whole = torch.addcmul(whole, column, own, value=-1)
-    force = (z.laplace[..., None, :] * z.viscous[..., None])[..., None, :]
-    by_column = whole[..., :n_dashpot, n_dashpot:, :]
-    by_row = whole[..., n_dashpot:, :n_dashpot, :].transpose(-3, -2)
-    # v κ: over the responses, and then the dashpots' rows from them. Products are summed as they are made, since an
-    # array of lines by four kinds of rows would not stay in the cache.
-    pushed, pushing = force * by_column, force * by_row
-    read = torch.cat(
-        [-_sum(weight[..., :, k, None, :] * pushed[..., None, :, k, :] for k in range(n_reference)), weight], -2
-    )
-    mixed = -_sum(pushing[..., :, j, None, :] * read[..., j, None, :, :] for j in range(n_response))
-    value = torch.cat([mixed, read], dim=-3) * flexibility
-    flat = value.flatten(-3, -2)
+    twice = real * real - imaginary * imaginary, 2 * real * imaginary
+    alone = modal_sum(z.eigenvalue, rows, columns, pole)
+    force = terms_first(z.viscous, pole.ndim - 1) * (z.laplace * flexibility)
+    value, motion = weights(alone, force.expand(len(force), *alone.shape[2:]), weight)
+    value = value * flexibility
+    flat = value.flatten(0, 1).movedim(0, -2)
+    flat_real, flat_imaginary = flat.real.contiguous(), flat.imag.contiguous()
 
     def gathered(feature: tuple[Tensor, Tensor]) -> Tensor:
-        return (flat.real @ feature[0].mT - flat.imag @ feature[1].mT).unflatten(-2, shape)
+        return (flat_real @ feature[0].mT - flat_imaginary @ feature[1].mT).unflatten(-2, shape)
 
-    level = gathered(once)
+    level = gathered((real, imaginary))
     slope = -gathered(twice) if need["stiffness"] or need["mass"] else level
     inertia, strain = torch.zeros_like(pole), torch.zeros_like(pole)
     if any(need[name] for name in (*Impedance._fields[4:8], "laplace")):
-        inertia = (value * summed(twice)).sum((-3, -2))
-        strain = (value * alone).sum((-3, -2)) + pole * inertia
-    if need["viscous"] or need["laplace"]:
-        moved = _sum(weight[..., None, j, :, :] * by_row[..., :, j, None, :] for j in range(n_response))
-        motion = (moved * by_column).sum(-2)
-    else:
-        motion = by_column.sum(-2)
-    return _Sums(level, slope, (1 / size.amax(-1)).sqrt()), (strain, inertia, motion)
-
-
-def _sum(parts: Iterable[Tensor]) -> Tensor:
-    return functools.reduce(torch.add, parts)
+        pairs = (rows[..., :, None, :] * columns[..., None, :, :]).flatten(-3, -2)
+        inertia = (flat * torch.complex(pairs @ twice[0], pairs @ twice[1])).sum(-2) * flexibility
+        strain = (value * alone).sum((0, 1)) * flexibility + pole * inertia
+    return _Sums(level, slope, (1 / size.amax(-1)).sqrt()), (
+        strain,
+        inertia,
+        (-motion * flexibility.square()).movedim(0, -2),
+    )
 
 
 class _Divided(NamedTuple):

@@ -1,4 +1,4 @@
-"""The sum over modes, and what is attached to it.
+"""The sum over modes, for many lines at once.
 
 With damping in proportion to K and M, Z(s) = κ (K − z M), z = −μ/κ, and the receptance is 1/κ times
 
@@ -8,13 +8,6 @@ a function of one complex number near the real axis. For a block of lines, the m
 others together vary slowly with z there, and each is a Chebyshev series that is known in closed form:
 1 / (a − t) = 2 / √(a² − 1) · Σ' ρ⁻ᵏ T_k(t), ρ = a + √(a² − 1) (Mason and Handscomb, Chebyshev Polynomials, 2003,
 section 5.2). So most modes cost nothing for each line, and none is left out.
-
-Springs, dashpots and masses at places, of dynamic stiffness D, are attached one after the other,
-
-    G ← G − g D / (1 + g_uu D) gᵀ,    g = G u,
-
-(Sherman and Morrison, Annals of Mathematical Statistics 21 (1950) 124; in dynamics the receptance coupling of Bishop
-and Johnson, The Mechanics of Vibration, 1960).
 
 Arrays are [n_row, n_column, *batch, n_frequency] here: every step is then one operation on long rows of lines.
 """
@@ -124,44 +117,6 @@ def modal_sum(
     found = torch.view_as_complex((weight @ torch.view_as_real(feature).flatten(-2)).unflatten(-1, (-1, 2)))
     shape = (left.shape[-2], right.shape[-2])
     return found.unflatten(-1, z.shape).unflatten(0, shape) if alike else found.movedim(-2, 0).unflatten(0, shape)
-
-
-def attach(
-    found: Complex[Tensor, "n_left n_right *batch n_frequency"],
-    stiffness: Complex[Tensor, "n_term *#batch n_frequency"],
-) -> Complex[Tensor, "n_response n_reference *batch n_frequency"]:
-    """G with terms attached, their rows left out: G − X G_th, X (D⁻¹ + G_tt) = G_rt.
-
-    X is solved for by G_tt's symmetric factors; a term whose D is zero has no force.
-
-    Args:
-        found: G between the terms, then the responses; and the terms, then the references.
-        stiffness: D of each term, in the units of 1 / G.
-    """
-    n = len(stiffness)
-    felt, total = found[:n, n:], found[n:, n:]
-    rest, factors, forces = found[:, :n], [], []
-    for index, own_stiffness in enumerate(stiffness):
-        # Split, not sliced: the backward of a slice fills the rest with zeros.
-        column, rest = rest.split((1, rest.shape[1] - 1), dim=1)
-        own, column = column.split((1, len(column) - 1))
-        row, rest = rest.split((1, len(rest) - 1))
-        pivot = own_stiffness / (1 + own_stiffness * own)
-        factor = row * pivot
-        factors.append(factor[0])
-        forces.append(column[n - 1 - index :] * pivot)
-        if rest.shape[1]:
-            rest = torch.addcmul(rest, column, factor, value=-1)
-    for index in reversed(range(n)):
-        for later in range(index + 1, n):
-            forces[index] = torch.addcmul(forces[index], forces[later], factors[index][later - index - 1], value=-1)
-        total = torch.addcmul(total, forces[index], felt[index], value=-1)
-    return total
-
-
-def terms_first(value: Float[Tensor, "*batch n_term"], n_batch: int) -> Float[Tensor, "n_term *more 1"]:
-    """Coefficients of terms as `attach` takes them, also where all members of the batch have the same ones."""
-    return value.expand(*(1,) * (n_batch + 1 - value.ndim), *value.shape).movedim(-1, 0)[..., None]
 
 
 def chebyshev_series(a: Float[Tensor, "*batch n"], n_term: int) -> Float[Tensor, "*batch n n_term"]:

@@ -20,9 +20,10 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
+from torchplate.model.attach import terms_first
 from torchplate.model.attached_sum import Rows, attached_sum
 from torchplate.model.frf import stack_rows
-from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, reciprocal, terms_first
+from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, reciprocal
 from torchplate.model.modes import solve_modes
 from torchplate.plate import Assembly, Plan, Proportional
 from torchplate.plate.assemble import concatenate
