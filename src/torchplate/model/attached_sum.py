@@ -21,7 +21,7 @@ from torch.autograd import Function
 
 from torchplate.model.attach import attach, attach_, weights
 from torchplate.model.frf import joined, transformed
-from torchplate.model.modal_sum import Stretch, modal_sum
+from torchplate.model.modal_sum import Stretch, as_real, modal_sum, pairs_of, times_complex
 
 # Numbers in an array that is kept from call to call.
 KEPT = 2**20
@@ -44,7 +44,7 @@ def attached_sum(
     rows: Rows,
     z: Complex[Tensor, "*batch n_frequency"],
     force: Complex[Tensor, "n_term *batch n_frequency"],
-    stretches: Sequence[Stretch | None],
+    stretches: Sequence[Stretch],
     at_once: int,
     in_single: bool = False,
 ) -> Complex[Tensor, "n_response n_reference *batch n_frequency"]:
@@ -54,17 +54,17 @@ def attached_sum(
         rows: modes and where they are read.
         z: −μ/κ [rad²/s²].
         force: D of each term, in the units of 1 / G.
-        stretches: of each block of lines; None where nothing is known of z.
+        stretches: of each block of lines.
         at_once: lines in a block.
         in_single: single precision, for values alone.
     """
     moving = torch.is_grad_enabled() and any(part.requires_grad for part in rows)
-    if rows.alike and not moving and all(stretches) and not transformed():
+    if rows.alike and not moving and not transformed():
         return _AttachedSum.apply(z, force, rows, stretches, at_once, in_single)
     return _plain(rows, z, force, stretches, at_once)
 
 
-def _plain(rows: Rows, z: Tensor, force: Tensor, stretches: Sequence[Stretch | None], at_once: int) -> Tensor:
+def _plain(rows: Rows, z: Tensor, force: Tensor, stretches: Sequence[Stretch], at_once: int) -> Tensor:
     blocks = zip(z.split(at_once, dim=-1), force.split(at_once, dim=-1), stretches, strict=True)
     return joined([attach(modal_sum(*rows, own, stretch), tied) for own, tied, stretch in blocks], -1)
 
@@ -128,7 +128,7 @@ class _Block(NamedTuple):
         y = self.z.imag.contiguous().to(apart)
         torch.addcmul(y * y, apart, apart, out=scale).reciprocal_()
         torch.complex(apart.mul_(scale), scale.mul_(y), out=near)
-        if series is not None:
+        if series is not None and disc is not None:
             twice = ((self.z - disc.centre) * (2 / disc.half)).to(slow)
             terms = slow.unbind()
             terms[0].fill_(1)
@@ -139,14 +139,11 @@ class _Block(NamedTuple):
 
     def weights(self) -> Tensor:
         """What each feature counts for each pair of rows [pair, feature]."""
-        pairs = (self.rows.left[:, None] * self.rows.right[None]).flatten(0, 1)
-        near = pairs[:, self.stretch.first : self.stretch.last]
-        whole = near if self.stretch.series is None else torch.cat([near, pairs @ self.stretch.series], dim=-1)
-        return whole.to(self.real)
+        return self.stretch.weights(pairs_of(self.rows.left, self.rows.right)).to(self.real)
 
     def alone(self, feature: Tensor, weight: Tensor) -> Tensor:
         """G with nothing attached [n_left, n_right, point]."""
-        torch.mm(weight, _as_real(feature), out=_as_real(self.found.flatten(0, 1)))
+        torch.mm(weight, as_real(feature), out=as_real(self.found.flatten(0, 1)))
         return self.found
 
     def attached(self) -> Tensor:
@@ -157,17 +154,8 @@ class _Block(NamedTuple):
         """What the gradient of `attached` makes those of z and of the terms' D."""
         feature, weight = self.features(), self.weights()
         of_found, of_force = weights(self.alone(feature, weight), self.force, grad.conj().resolve_conj())
-        of_feature = torch.view_as_complex((weight.mT @ _as_real(of_found.flatten(0, 1))).unflatten(-1, (-1, 2)))
-        n_near = self.stretch.last - self.stretch.first
-        of_z = (feature[:n_near].square() * of_feature[:n_near]).sum(0)
-        if self.stretch.series is not None:
-            # Clenshaw's recurrence for the sum of k U_(k − 1).
-            disc, slow = self.stretch.disc, of_feature[n_near:]
-            twice = (self.z - disc.centre) * (2 / disc.half)
-            last = before = torch.zeros_like(self.z)
-            for k in range(len(slow) - 1, 0, -1):
-                last, before = slow[k] * k + twice * last - before, last
-            of_z = of_z + last / disc.half
+        of_feature = times_complex(weight.mT, of_found.flatten(0, 1))
+        of_z = self.stretch.slope(feature, of_feature, self.z)
         return of_z.conj().resolve_conj(), of_force.conj().resolve_conj()
 
 
@@ -216,8 +204,3 @@ def _room(name: str, number: int, dtype: torch.dtype, device: torch.device) -> T
         if number <= KEPT and not torch.is_inference_mode_enabled():
             _ROOMS.arrays[key] = found
     return found
-
-
-def _as_real(value: Tensor) -> Tensor:
-    """Complex numbers are pairs of real ones in memory: one real product serves both parts."""
-    return torch.view_as_real(value).flatten(-2)

@@ -24,7 +24,7 @@ from torch import Tensor
 from torchplate.model.attach import terms_first, weights
 from torchplate.model.frf import stack_rows
 from torchplate.model.impedance import Impedance, conjugate
-from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum
+from torchplate.model.modal_sum import LINES_AT_ONCE, Disc, Stretch, as_real, pairs_of, times_complex
 
 # Eigenvalues closer than this part of their distance to the nearest line: rounding costs 1e-16 / CLOSE of a difference,
 # and the derivative is CLOSE² off.
@@ -100,33 +100,49 @@ def _block(
     kappa, mu = z.proportional.at(z.laplace)
     flexibility = 1 / kappa
     pole = -mu * flexibility
-    # Features are [*batch, mode, line] here.
-    apart, y = z.eigenvalue[..., :, None] - pole.real[..., None, :], pole.imag[..., None, :]
-    size = 1 / torch.addcmul(y * y, apart, apart)
-    real, imaginary = apart * size, y * size
-    twice = real * real - imaginary * imaginary, 2 * real * imaginary
-    alone = modal_sum(z.eigenvalue, rows, columns, pole)
+    # Features are [*batch, feature, line] here: of near modes, and of a series for all others, as in the modal sum.
+    stretch = Stretch.around(Disc.around(pole, z.eigenvalue), z.eigenvalue)
+    n_near, feature = stretch.last - stretch.first, stretch.features(z.eigenvalue, pole)
+    counted = stretch.weights(pairs_of(rows, columns))
+    alone = times_complex(counted, feature).movedim(-2, 0).unflatten(0, shape)
     force = terms_first(z.viscous, pole.ndim - 1) * (z.laplace * flexibility)
     value, motion = weights(alone, force.expand(len(force), *alone.shape[2:]), weight)
     value = value * flexibility
     flat = value.flatten(0, 1).movedim(0, -2)
-    flat_real, flat_imaginary = flat.real.contiguous(), flat.imag.contiguous()
 
-    def gathered(feature: tuple[Tensor, Tensor]) -> Tensor:
-        return (flat_real @ feature[0].mT - flat_imaginary @ feature[1].mT).unflatten(-2, shape)
+    def gathered(feature: Tensor) -> Tensor:
+        """Re Σ v f over the lines [*batch, pair, feature]."""
+        return as_real(flat) @ as_real(conjugate(feature)).mT
 
-    level = gathered((real, imaginary))
-    slope = -gathered(twice) if need["stiffness"] or need["mass"] else level
+    def of_modes(near: Tensor, slow: Tensor, series: Tensor) -> Tensor:
+        far = slow @ series.mT
+        whole = torch.cat([far[..., : stretch.first], near, far[..., stretch.last :]], dim=-1)
+        return whole.unflatten(-2, shape)
+
+    once = gathered(feature)
+    near, slow = once[..., :n_near], once[..., n_near:]
+    level = slope = near.unflatten(-2, shape) if stretch.series is None else of_modes(near, slow, stretch.series)
+    if need["stiffness"] or need["mass"]:
+        near = -gathered(feature[..., :n_near, :].square())
+        slope = near.unflatten(-2, shape)
+        if stretch.series is not None:
+            slope = of_modes(near, slow, stretch.slopes(z.eigenvalue))
     inertia, strain = torch.zeros_like(pole), torch.zeros_like(pole)
     if any(need[name] for name in (*Impedance._fields[4:8], "laplace")):
-        pairs = (rows[..., :, None, :] * columns[..., None, :, :]).flatten(-3, -2)
-        inertia = (flat * torch.complex(pairs @ twice[0], pairs @ twice[1])).sum(-2) * flexibility
+        inertia = stretch.slope(feature, times_complex(counted.mT, flat), pole) * flexibility
         strain = (value * alone).sum((0, 1)) * flexibility + pole * inertia
-    return _Sums(level, slope, (1 / size.amax(-1)).sqrt()), (
-        strain,
-        inertia,
-        (-motion * flexibility.square()).movedim(0, -2),
-    )
+    motion = (-motion * flexibility.square()).movedim(0, -2)
+    return _Sums(level, slope, _nearest(z.eigenvalue, pole, stretch)), (strain, inertia, motion)
+
+
+def _nearest(eigenvalue: Tensor, pole: Tensor, stretch: Stretch) -> Tensor:
+    """The distance of each mode to the nearest z [*batch, n]; of far ones, at least so much."""
+    apart = torch.complex(stretch.near(eigenvalue)[..., None] - pole.real[..., None, :], pole.imag[..., None, :])
+    near = apart.abs().amin(-1)
+    if stretch.disc is None or stretch.series is None:
+        return near
+    far = ((eigenvalue - stretch.disc.centre).abs() - stretch.disc.half).expand(*near.shape[:-1], -1)
+    return torch.cat([far[..., : stretch.first], near, far[..., stretch.last :]], dim=-1)
 
 
 class _Divided(NamedTuple):

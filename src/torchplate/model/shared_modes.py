@@ -131,7 +131,7 @@ class SharedModes(nn.Module):
         numbers = torch.complex64 if in_single else z.dtype
         force = attached.stiffness(z.to(numbers), (laplace * flexibility).expand(z.shape).to(numbers))
         at_once = LINES_AT_ONCE if laplace.device.type == "cpu" else laplace.shape[-1]
-        stretches: Sequence[Stretch | None] = self._expected(laplace, at_once, m / e, damping) or [
+        stretches: Sequence[Stretch] = self._expected(laplace, at_once, m / e, damping) or [
             self._around(block) for block in z.split(at_once, dim=-1)
         ]
         found = attached_sum(Rows(self.eigenvalue, *sides), z, force, stretches, at_once, in_single)
@@ -156,13 +156,11 @@ class SharedModes(nn.Module):
             corner = torch.cartesian_prod(*self.ends).unique(dim=0).mT
             kappa, mu = Proportional(*corner[1:]).at(laplace)
             z = -corner[0, :, None] * mu / kappa
-            found = [self._around(block) for block in z.split(at_once, dim=-1)]
-            self._stretches[key] = [stretch for stretch in found if stretch is not None]
+            self._stretches[key] = [self._around(block) for block in z.split(at_once, dim=-1)]
         return self._stretches[key]
 
-    def _around(self, z: Tensor) -> Stretch | None:
-        disc = Disc.around(z, self.eigenvalue)
-        return None if disc is None else Stretch.around(disc, self.eigenvalue, CLOSE)
+    def _around(self, z: Tensor) -> Stretch:
+        return Stretch.around(Disc.around(z, self.eigenvalue), self.eigenvalue, CLOSE)
 
     def _attached(self, assembly: Assembly, plan: Plan, e: Tensor, m: Tensor) -> Attached:
         """All terms; a mass over m and a spring over e, so that what M₀ and K₀ hold of them is the same for all."""
