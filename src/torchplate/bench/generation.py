@@ -28,6 +28,7 @@ def generation(n_repeat: int = 7) -> dict[str, Any]:
         "SciPy, one candidate at a time": lambda: peer.generation(theta),
         "torchplate, all modes, one eigh": lambda: model.frf(theta, LINES),
         "torchplate, shared modes": lambda: shared.frf(theta, LINES),
+        "torchplate, shared modes, single precision": lambda: shared.in_single_precision().frf(theta, LINES),
         "torchplate, reduced basis (ν searched too)": lambda: small.frf(bent_theta, LINES),
     }
     taken = interleaved(ways, n_repeat)

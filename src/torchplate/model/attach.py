@@ -41,18 +41,28 @@ def attach(
 
 
 def attach_(found: Complex[Tensor, "n_left n_right n_point"], stiffness: Complex[Tensor, "n_term n_point"]) -> Tensor:
-    """The same, written over `found`."""
-    n = len(stiffness)
-    total = found[n:, n:]
-    for pull, felt in zip(pulls(found[:, :n], stiffness, in_place=True), found[:n, n:], strict=True):
-        total.addcmul_(pull[:, None], felt, value=-1)
+    """The same, written over `found`, in few operations: on short rows each costs more than its numbers."""
+    n, total = len(stiffness), found[len(stiffness) :, len(stiffness) :]
+    pull, pivots = [], []
+    for index, own in enumerate(stiffness.unbind()):
+        pivot = own / (own * found[index, index]).add_(1)
+        after = slice(index + 1, n)
+        pull.append(found[n:, index])
+        if index < n - 1:
+            rest = found[index + 1 :, after]
+            rest.addcmul_(found[index + 1 :, index, None], found[index, after] * pivot, value=-1)
+        pivots.append(pivot)
+    for index in reversed(range(n)):
+        for later in range(index + 1, n):
+            pull[index].addcmul_(pull[later], found[index, later], value=-1)
+        pull[index].mul_(pivots[index])
+        total.addcmul_(pull[index][:, None], found[index, n:], value=-1)
     return total
 
 
 def pulls(
     matrix: Complex[Tensor, "n_row n_term *batch n_frequency"],
     stiffness: Complex[Tensor, "n_term *#batch n_frequency"],
-    in_place: bool = False,
 ) -> list[Complex[Tensor, "n_other *batch n_frequency"]]:
     """X = G (D⁻¹ + G_tt)⁻¹ of each term, for the rows G below those of the terms, G_tt.
 
@@ -61,7 +71,6 @@ def pulls(
     Args:
         matrix: G_tt, and below it the rows G.
         stiffness: D.
-        in_place: whether the matrix may be written over.
     """
     n = len(stiffness)
     found: list[Tensor] = []
@@ -76,8 +85,7 @@ def pulls(
         factors.append(factor[0].unbind())
         found.append(column[n - 1 - index :, 0] * pivot[0])
         if index < n - 1:
-            add = matrix.addcmul_ if in_place else functools.partial(torch.addcmul, matrix)
-            matrix = add(column, factor, value=-1)
+            matrix = torch.addcmul(matrix, column, factor, value=-1)
     for index in reversed(range(n)):
         for later, part in zip(found[index + 1 :], factors[index], strict=True):
             found[index] = torch.addcmul(found[index], later, part, value=-1)
@@ -101,7 +109,7 @@ def weights(
         return incoming, incoming.sum(1)[:0]
     pushed = sum_of(incoming[:, k, None] * found[None, :n, n + k] for k in range(incoming.shape[1]))
     felt = torch.cat([found[n:, :n], pushed])
-    pull = pulls(torch.cat([found[:n, :n], felt]), stiffness, in_place=True)
+    pull = pulls(torch.cat([found[:n, :n], felt]), stiffness)
     both, adjoint = torch.stack(pull, dim=1).split(n_response)
     for own, row in zip(pull, found[:n, :n], strict=True):
         # Without D⁻¹, which may be infinite: X D⁻¹ = G_rt − X G_tt.

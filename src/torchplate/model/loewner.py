@@ -14,6 +14,7 @@ divided differences,
 
 (Antoulas, Approximation of Large-Scale Dynamical Systems, 2005, section 4.5). Where two λ are so close that their
 difference has no digits, the divided difference is the derivative. No array of [line, row, mode, mode] is ever made.
+S is a modal sum with the parts of λ and z exchanged: where λ is far from a block of lines, the same series serves it.
 """
 
 from typing import Any, NamedTuple

@@ -66,9 +66,10 @@ def reduce(
     if also is not None:
         build = torch.cat([build, also])
     if frequency is not None and not n_mode and not fine:
-        # Shared modes are not solved for again: then all of them cost as little as a few.
+        # Shared modes are not solved for again: then all of them cost as little as a few. That every member has them is
+        # known from its coefficients, so that one is enough to look at.
         whole = _sharing(model, model, everyone)
-        if whole is not None and (error := basis_error(model, whole, probes[0], frequency)) <= tolerance:
+        if whole is not None and (error := basis_error(model, whole, probes[0][:1], frequency)) <= tolerance:
             return whole, error
     for margin, probe in zip(MARGIN, probes, strict=True):
         basis = ritz_basis(model, build, frequency, n_mode, margin)

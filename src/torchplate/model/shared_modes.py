@@ -130,7 +130,8 @@ class SharedModes(nn.Module):
         z = (-m[..., None] * mu * flexibility).expand(*batch, laplace.shape[-1])
         numbers = torch.complex64 if in_single else z.dtype
         force = attached.stiffness(z.to(numbers), (laplace * flexibility).expand(z.shape).to(numbers))
-        at_once = LINES_AT_ONCE if laplace.device.type == "cpu" else laplace.shape[-1]
+        # What stays in the cache.
+        at_once = LINES_AT_ONCE * (1 + in_single) if laplace.device.type == "cpu" else laplace.shape[-1]
         stretches: Sequence[Stretch] = self._expected(laplace, at_once, m / e, damping) or [
             self._around(block) for block in z.split(at_once, dim=-1)
         ]
