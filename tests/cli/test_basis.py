@@ -1,5 +1,7 @@
 """A run searches in a basis that it can trust, confirms its best member, and gives a wrong basis up."""
 
+import csv
+
 import pytest
 
 from torchplate.cli import basis, run
@@ -62,3 +64,37 @@ def test_a_basis_that_stays_wrong_is_given_up(in_a_basis, monkeypatch):
     monkeypatch.setattr(run, "basis_error", lambda *_: 1.0)
     result = in_a_basis("refused").result
     assert "basis_error" not in result
+
+
+def test_a_search_in_single_precision_finds_the_same_and_says_it_in_double(bench):
+    searched = ["plate.youngs_modulus", "wires.stiffness", "loss.stiffness_loss_factor"]
+    single, double = (
+        bench.run(searched, {"search.basis": "auto", "search.precision": name}, out=name)
+        for name in ("single", "double")
+    )
+    # The same members are drawn; rounding may turn a few comparisons of nearly equal ones.
+    for name in searched:
+        value = single.result["parameters"][name]["value"]
+        assert value == pytest.approx(double.result["parameters"][name]["value"], rel=1e-2)
+    # What the search saw is rounded; what it found is said in double precision.
+    with (single.folder / "history.csv").open(newline="") as file:
+        seen = float(list(csv.DictReader(file))[-1]["best_objective"])
+    found = single.result["objective"]
+    assert seen == pytest.approx(found, rel=1e-4)
+    assert seen != pytest.approx(found, rel=1e-12)
+    again = bench.run(searched, {"search.basis": "auto", "search.precision": "single", "search.polish": True}, out="p")
+    assert again.result["objective"] <= single.result["objective"]
+    path = single.folder / "config.yaml"
+    assert "precision: single" in path.read_text()
+
+
+def test_a_search_goes_on_in_the_precision_it_began_in(bench, command, monkeypatch):
+    monkeypatch.chdir(bench.folder)
+    bench.run(["plate.youngs_modulus"], {"search.precision": "single", "search.n_generation": 2})
+    more = ["--set", "search.n_generation=3"]
+    status, _, said = command(
+        "run", "plate.yaml", "--out", "out", "--resume", *more, "--set", "search.precision=double"
+    )
+    assert status == 2
+    assert "search.precision" in said
+    assert command("run", "plate.yaml", "--out", "out", "--resume", *more)[0] == 0

@@ -15,6 +15,7 @@ from torchplate.model.modal_sum import (
     chebyshev_series,
     chebyshev_values,
     modal_sum,
+    reciprocal,
 )
 
 N_MODE = 50
@@ -108,3 +109,45 @@ def test_attached_terms_are_those_of_the_whole_matrix(n_term: int, batch) -> Non
     whole = torch.linalg.inv(flexible) + torch.einsum("tn,t...,tm->...nm", tied, stiffness, tied)
     expected = left[n_term:].to(whole) @ torch.linalg.inv(whole) @ right[n_term:].mT.to(whole)
     torch.testing.assert_close(found.movedim((0, 1), (-2, -1)), expected, rtol=1e-9, atol=1e-12)
+
+
+def stretch_of(n_term: int) -> tuple[torch.Tensor, torch.Tensor, Stretch]:
+    eigenvalue = 6e1 * torch.arange(N_MODE, dtype=torch.float64) ** 2
+    x = torch.linspace(4e3, 9e3, 30, dtype=torch.float64)
+    z = torch.complex(x, -2e-2 * x)
+    stretch = Stretch.around(Disc.around(z, eigenvalue), eigenvalue, n_term)
+    assert 0 < stretch.first < stretch.last < N_MODE
+    return eigenvalue, z, stretch
+
+
+def test_the_slopes_of_the_series_are_its_derivative_in_the_pole() -> None:
+    eigenvalue, z, stretch = stretch_of(EXACT)
+    values = torch.stack(chebyshev_values((z - stretch.disc.centre) / stretch.disc.half, EXACT))
+    found = stretch.slopes(eigenvalue).to(values) @ values
+    expected = -1 / (eigenvalue[:, None] - z) ** 2
+    near = slice(stretch.first, stretch.last)
+    assert not found[near].any()
+    found[near] = expected[near]
+    assert float(((found - expected).abs() / expected.abs()).max()) < 1e-9
+
+
+@pytest.mark.parametrize("n_term", [6, EXACT, N_MODE])
+def test_the_slope_of_the_features_is_their_derivative_in_z(n_term: int) -> None:
+    if n_term == N_MODE:
+        # All are near.
+        eigenvalue, z, _ = stretch_of(EXACT)
+        stretch = Stretch.around(Disc.around(z, eigenvalue), eigenvalue, n_term)
+        assert stretch.series is None
+    else:
+        eigenvalue, z, stretch = stretch_of(n_term)
+    feature = stretch.features(eigenvalue, z)
+    weight = torch.complex(random(*feature.shape, seed=11), random(*feature.shape, seed=12))
+    found = stretch.slope(feature, weight, z)
+    step = 1e-5 * z.real.max()
+    ends = [(weight * stretch.features(eigenvalue, z + sign * step)).sum(0) for sign in (1, -1)]
+    torch.testing.assert_close(found, (ends[0] - ends[1]) / (2 * step), rtol=1e-4, atol=1e-5 * float(found.abs().max()))
+
+
+def test_a_reciprocal_is_torchs_own() -> None:
+    value = torch.complex(random(9, seed=13) - 0.5, random(9, seed=14) - 0.5)
+    torch.testing.assert_close(reciprocal(value), 1 / value, rtol=1e-14, atol=0)

@@ -185,3 +185,73 @@ def test_second_derivatives_are_those_of_a_direct_solve(plates) -> None:
 
     found, expected = hessian(size(shared.frf))(position), hessian(size(model.frf_direct))(position)
     assert bool(((found - expected).abs() < 1e-4 * expected.abs().max()).all())
+
+
+def test_single_precision_is_for_values_alone(plates) -> None:
+    model, shared, frequency = made(plates, MESHES["rectangle"])
+    single, theta = shared.in_single_precision(), members(model, 4)
+    with torch.no_grad():
+        found, expected = single.frf(theta, frequency[1:]), shared.frf(theta, frequency[1:])
+    assert found.dtype == torch.complex64
+    assert 1e-9 < error(found, expected) < 2e-5
+    # Where something may be differentiated, nothing has changed; the model it was made from has not either.
+    assert torch.equal(single.frf(theta, frequency[1:]), expected)
+    assert not shared.in_single
+    with torch.no_grad():
+        slopes = [jacfwd(lambda t, own=own: own.frf(t, frequency[1:4]).real)(theta[0]) for own in (single, shared)]
+    assert slopes[0].dtype == torch.float64
+    assert torch.equal(*slopes)
+
+
+def test_single_precision_changes_nothing_where_members_share_no_modes(plates) -> None:
+    searched = {"plate.poisson_ratio": Searched(0.2, 0.4)}
+    model = plates.build(MESHES["rectangle"], {}, searched, response=[3], reference=[8], kind="accelerance")
+    theta, frequency = members(model, 2), torch.linspace(5.0, 200.0, 20, dtype=torch.float64)
+    with torch.no_grad():
+        assert torch.equal(model.in_single_precision().frf(theta, frequency), model.frf(theta, frequency))
+
+
+def test_what_is_known_of_the_lines_is_kept_and_holds_for_the_whole_box(plates) -> None:
+    model, shared, frequency = made(plates, MESHES["square"])
+    own = shared.shared_modes
+    own._stretches.clear()
+    theta = members(model, 6)
+    apart = torch.cat([shared.frf(member[None], frequency) for member in theta])
+    assert len(own._stretches) == 1
+    # The same stretches for every batch: what a member gets does not depend on who stands beside it.
+    torch.testing.assert_close(shared.frf(theta, frequency), apart, rtol=1e-12, atol=1e-12 * float(apart.abs().max()))
+    corners = model.space.to_si(torch.tensor([[0.0] * len(BOX), [1.0] * len(BOX)], dtype=torch.float64))
+    assert error(shared.frf(corners, frequency[1:]), model.frf_direct(corners, frequency[1:])) < SERIES
+    assert len(own._stretches) == 2
+    for n_line in range(3, 3 + shared_modes.REMEMBERED):
+        shared.frf(theta, frequency[:n_line])
+    assert len(own._stretches) <= shared_modes.REMEMBERED
+
+
+def test_members_beyond_the_box_get_stretches_of_their_own(plates, monkeypatch) -> None:
+    model, shared, frequency = made(plates, MESHES["square"])
+    asked = []
+    around = shared_modes.Disc.around
+    monkeypatch.setattr(shared_modes.Disc, "around", lambda z, value: asked.append(z.shape) or around(z, value))
+    theta = members(model, 3)
+    shared.frf(theta, frequency)
+    first = len(asked)
+    shared.frf(theta, frequency)
+    assert len(asked) == first
+    beyond = theta.clone()
+    beyond[1, 0] = 3 * theta[1, 0]
+    shared.frf(beyond, frequency)
+    assert asked[first:] == [(3, len(frequency))]
+
+
+def test_what_inference_mode_saw_can_be_differentiated_afterwards(plates) -> None:
+    model, shared, frequency = made(plates, MESHES["rectangle"])
+    shared.shared_modes._stretches.clear()
+    theta = members(model, 2)
+    with torch.inference_mode():
+        seen = shared.frf(theta, frequency)
+    position = theta.clone().requires_grad_()
+    found = shared.frf(position, frequency)
+    torch.testing.assert_close(seen.clone(), found.detach(), rtol=1e-4, atol=1e-6 * float(found.detach().abs().max()))
+    (gradient,) = torch.autograd.grad(found.abs().square().sum(), position)
+    assert bool(gradient.isfinite().all())

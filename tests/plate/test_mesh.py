@@ -2,8 +2,10 @@
 
 import pytest
 import torch
+from torch.autograd import forward_ad
 
 from torchplate.plate import Mesh
+from torchplate.plate.mesh import REMEMBERED
 
 PAPER = Mesh(0.48, 0.48, 10, 10)
 RECTANGLE = Mesh(0.7, 0.3, 5, 3)
@@ -187,3 +189,43 @@ def test_a_tensor_of_places_passes_with_its_gradient() -> None:
     (expected,) = torch.autograd.grad(cubic(place).sum(), place)
     # The element holds this cubic exactly, so rounding is all that parts the two.
     torch.testing.assert_close(slope, expected, rtol=0, atol=1e-11)
+
+
+def test_rows_of_places_that_stay_are_made_once() -> None:
+    place, other = (torch.tensor([[0.31, 0.62], [0.1, end]], dtype=torch.float64) for end in (0.9, 0.8))
+    mesh = Mesh(0.7, 0.4, 6, 4)
+    first = mesh.deflection_at(place)
+    assert mesh.deflection_at(place.clone()) is first
+    for found, expected in (
+        (mesh.deflection_at(other), mesh._deflection_at(other, 0, 0)),
+        (mesh.deflection_at(place, 1, 0), mesh._deflection_at(place, 1, 0)),
+        (mesh.deflection_at(place.float()), mesh._deflection_at(place.float(), 0, 0)),
+    ):
+        assert torch.equal(found, expected)
+        assert found is not first
+    many = torch.rand(REMEMBERED, 1, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    for one in many:
+        mesh.deflection_at(one)
+    assert len(mesh._known_deflection) <= REMEMBERED
+
+
+# torch.func.jacfwd loads its own rules by torch.jit.script, which warns of itself.
+@pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
+def test_rows_are_made_anew_where_something_is_differentiated_by_the_place_or_mapped_over_it() -> None:
+    place, mesh = torch.tensor([[0.31, 0.62]], dtype=torch.float64), Mesh(0.7, 0.4, 6, 4)
+    constant = mesh.deflection_at(place)
+    moving = place.clone().requires_grad_()
+    assert mesh.deflection_at(moving).requires_grad
+    forward, reverse = (way(mesh.deflection_at)(place) for way in (torch.func.jacfwd, torch.func.jacrev))
+    assert bool(forward.any())
+    torch.testing.assert_close(forward, reverse)
+    with forward_ad.dual_level():
+        dual = forward_ad.make_dual(place, torch.ones_like(place))
+        tangent = forward_ad.unpack_dual(mesh.deflection_at(dual)).tangent
+    torch.testing.assert_close(tangent, forward.sum((-2, -1)))
+    mapped = torch.func.vmap(mesh.deflection_at)(torch.stack([place, place + 0.1]))
+    torch.testing.assert_close(mapped[0], constant)
+    with torch.inference_mode():
+        seen = Mesh(0.7, 0.4, 6, 4)
+        seen.deflection_at(place)
+    assert not seen._known_deflection

@@ -8,8 +8,9 @@
 - `extrapolation`: the mesh error taken off, from a mesh twice as fine.
 - `reduced_basis`: a small basis for the whole box of the searched parameters.
 - `error_estimate`: how wrong it is, measured or estimated, member by member.
-- `modal_sum`: the sum over modes for many lines at once, and what is attached to it.
-- `shared_modes`: plates that differ by a factor have the same modes, and need no eigenproblem at all.
+- `modal_sum`: the sum over modes for many lines at once; `attach`: springs, dashpots and masses attached to it.
+- `shared_modes`: plates that differ by a factor have the same modes, and need no eigenproblem at all; `attached_sum`:
+  their modal sums, values in place and gradients by the adjoint.
 - `plate_model`: the torch module that puts them together.
 """
 

@@ -101,6 +101,8 @@ def _block(
     kappa, mu = z.proportional.at(z.laplace)
     flexibility = 1 / kappa
     pole = -mu * flexibility
+    sizes = (part.shape[:-1] for part in (z.eigenvalue, pole, z.viscous, rows[..., 0, :], columns[..., 0, :]))
+    pole = pole.expand(*torch.broadcast_shapes(*sizes, weight.shape[2:-1]), pole.shape[-1])
     # Features are [*batch, feature, line] here: of near modes, and of a series for all others, as in the modal sum.
     stretch = Stretch.around(Disc.around(pole, z.eigenvalue), z.eigenvalue)
     n_near, feature = stretch.last - stretch.first, stretch.features(z.eigenvalue, pole)
