@@ -1,10 +1,13 @@
 """The assembled matrices against a loop over elements, and against what a plate must do whatever its mesh."""
 
+import copy
+
 import numpy as np
 import pytest
 import torch
 
 from torchplate.plate import Assembly, Geometry, Local, Mesh, Proportional, Section, assemble
+from torchplate.plate.mesh import REMEMBERED
 
 SIDES = (0.7, 0.3)
 MESHES = {
@@ -368,3 +371,25 @@ def test_a_patch_costs_its_own_elements_and_gives_what_all_elements_do(batch, mo
     if batch:
         each = torch.vmap(lambda one: reduced.stiffness(one, geometry))(rigidity)
         torch.testing.assert_close(each, found, rtol=0, atol=1e-12 * found.abs().max().item())
+
+
+def test_rows_in_a_basis_are_made_once_for_places_that_stay_and_anew_in_another_basis() -> None:
+    mesh = Mesh(0.7, 0.4, 4, 3)
+    basis = torch.rand(len(mesh.free_dof), 5, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
+    assembly = Assembly(mesh, basis)
+    vector = mesh.deflection_at(mesh.places([8, 13]))
+    first = assembly.rows(vector)
+    assert assembly.rows(vector) is first
+    torch.testing.assert_close(first, vector[:, mesh.free_dof] @ basis)
+    # Another tensor in the same place in memory's book is another one.
+    other = vector.clone()
+    torch.testing.assert_close(assembly.rows(2 * other), 2 * first)
+    assert assembly.rows(vector.clone().requires_grad_()).requires_grad
+    twin = copy.copy(assembly)
+    twin._buffers = dict(assembly._buffers)
+    twin.seen = 3 * basis
+    torch.testing.assert_close(twin.rows(vector), 3 * first)
+    assert torch.equal(assembly.rows(vector), first)
+    for _ in range(2 * REMEMBERED):
+        assembly.rows(torch.ones_like(vector))
+    assert len(assembly._known_rows) <= REMEMBERED

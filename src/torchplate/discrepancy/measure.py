@@ -40,14 +40,16 @@ class Measured(NamedTuple):
         Precision is that of an H1 estimate, var |H| / |H|² = (1 − γ²) / (2 n_average γ²). Source: Bendat and Piersol,
         Random Data (2010), Table 9.6. A coherence above 0.9999 counts as 0.9999.
         """
+        # Lines side by side in memory, as the model's FRFs have them: in a search they are compared again and again.
+        frf = measurement.frf.movedim(0, -1).contiguous().movedim(-1, 0)
         if measurement.coherence is None:
-            return cls(measurement.frf, measurement.measured)
+            return cls(frf, measurement.measured)
         coherence = measurement.coherence.to(measurement.frf.real.dtype).clamp(max=1 - INCOHERENT)
         power = measurement.frf.abs().square()
         known = measurement.measured & (coherence > 0) & (power > 0)  # NaN is not above 0
         safe = torch.where(known, coherence, 0.5)
         precision = safe / ((1 - safe) * torch.where(known, power, 1.0))
-        return cls(measurement.frf, measurement.measured, torch.where(known, precision, 0.0))
+        return cls(frf, measurement.measured, torch.where(known, precision, 0.0))
 
 
 Comparison = Callable[[Tensor, Measured], Tensor]

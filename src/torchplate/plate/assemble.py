@@ -15,7 +15,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from torch import Tensor, nn
 
 from torchplate.plate import element
-from torchplate.plate.mesh import Mesh
+from torchplate.plate.mesh import REMEMBERED, Mesh, stays
 from torchplate.plate.section import Geometry, Local, Proportional, Section, System
 
 # Fixed matrices, of a uniform plate and of projected elements, are kept up to these sizes; beyond they are made anew.
@@ -84,6 +84,7 @@ class Assembly(nn.Module):
     ) -> None:
         super().__init__()
         self.mesh = mesh
+        self._known_rows: dict[int, tuple[Tensor, Tensor, Tensor]] = {}
         dof = mesh.element_dof
         pattern, mass_pattern = element.patterns(1 / mesh.cells[0], 1 / mesh.cells[1])
         free = mesh.free_dof
@@ -183,6 +184,17 @@ class Assembly(nn.Module):
 
     def rows(self, vector: Float[Tensor, "*batch n_row n_dof"]) -> Float[Tensor, "*batch n_row n"]:
         """Rows over all dofs of the mesh, as rows over those of this assembly."""
+        if self.seen is None or not stays(vector):
+            return self._rows(vector)
+        # The mesh hands out the same tensor for places that stay where they are.
+        known = self._known_rows.get(id(vector))
+        if known is None or known[0] is not vector or known[1] is not self.seen:
+            if len(self._known_rows) >= REMEMBERED:
+                self._known_rows.clear()
+            known = self._known_rows[id(vector)] = (vector, self.seen, self._rows(vector))
+        return known[2]
+
+    def _rows(self, vector: Tensor) -> Tensor:
         free = vector[..., self.free]
         if self.seen is not None:
             return free @ self.seen

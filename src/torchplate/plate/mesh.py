@@ -174,20 +174,20 @@ class Mesh:
             order_x: order of the derivative in x/Lx.
             order_y: order of the derivative in y/Ly.
         """
-        key = _identity(place)
-        if key is None:
+        if not stays(place):
             return self._deflection_at(place, order_x, order_y)
         # Sensors, hammers and wires mostly stay where they are.
-        found = self._known_deflection.get((key, order_x, order_y))
+        key = (place.dtype, place.numpy().tobytes(), order_x, order_y)
+        found = self._known_deflection.get(key)
         if found is None:
             found = self._deflection_at(place, order_x, order_y)
             if len(self._known_deflection) >= REMEMBERED:
                 self._known_deflection.clear()
-            self._known_deflection[key, order_x, order_y] = found
+            self._known_deflection[key] = found
         return found
 
     @cached_property
-    def _known_deflection(self) -> dict[tuple[object, int, int], Tensor]:
+    def _known_deflection(self) -> dict[tuple[object, ...], Tensor]:
         return {}
 
     def _deflection_at(self, place: Tensor, order_x: int, order_y: int) -> Tensor:
@@ -224,13 +224,10 @@ class Mesh:
         return (along_x * covered).flatten(-2), (along_y * covered).flatten(-2)
 
 
-def _identity(place: Tensor) -> tuple[object, ...] | None:
-    """What tells places from others; None of many, and of places that something is differentiated or mapped over."""
-    if place.ndim != 2 or len(place) > MOST_PLACES or place.requires_grad or place.device.type != "cpu":
-        return None
+def stays(value: Tensor) -> bool:
+    """Whether a few rows on the CPU are constants, which may be remembered: nothing is differentiated by them."""
+    if value.ndim != 2 or len(value) > MOST_PLACES or value.requires_grad or value.device.type != "cpu":
+        return False
     if forward_ad._current_level >= 0 or torch.is_inference_mode_enabled():
-        return None
-    try:
-        return place.dtype, place.numpy().tobytes()
-    except RuntimeError:
-        return None
+        return False
+    return not torch._C._functorch.is_functorch_wrapped_tensor(value)
