@@ -91,6 +91,42 @@ def test_a_gradient_can_be_differentiated_again() -> None:
         torch.testing.assert_close(own, other, rtol=1e-9, atol=1e-12 * float(other.abs().max()))
 
 
+def test_a_force_that_z_moves_is_differentiated_once() -> None:
+    rows, z, force, stretches = system(2, 1, 2)
+    position = torch.ones(2, dtype=torch.float64, requires_grad=True)
+
+    def size(way) -> torch.Tensor:
+        moved = z * position[0]
+        return way(moved, force * position[1] * moved / z).abs().log().sum()
+
+    def twice(way) -> torch.Tensor:
+        (once,) = torch.autograd.grad(size(way), position, create_graph=True)
+        return torch.stack([torch.autograd.grad(part, position, retain_graph=True)[0] for part in once])
+
+    found = twice(lambda z, force: attached_sum(rows, z, force, stretches, AT_ONCE))
+    expected = twice(lambda z, force: plain(rows, z, force, stretches))
+    torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-9 * float(expected.abs().max()))
+
+
+def test_many_gradients_can_be_asked_for_at_once() -> None:
+    rows, z, force, stretches = system(2, 1, 2)
+    inputs = [z.clone().requires_grad_(), force.clone().requires_grad_()]
+    found = attached_sum(rows, *inputs, stretches, AT_ONCE)
+    incoming = torch.complex(random(3, *found.shape, seed=9), random(3, *found.shape, seed=10))
+    together = torch.autograd.grad(found, inputs, incoming, is_grads_batched=True, retain_graph=True)
+    for index, one in enumerate(incoming):
+        for many, own in zip(together, torch.autograd.grad(found, inputs, one, retain_graph=True), strict=True):
+            torch.testing.assert_close(many[index], own, rtol=1e-9, atol=1e-12 * float(own.abs().max()))
+
+
+def test_numbers_are_as_precise_as_those_given() -> None:
+    rows, z, force, stretches = system(2, 1, 2)
+    stretches = [own._replace(series=own.series if own.series is None else own.series.float()) for own in stretches]
+    less = Rows(*(part.float() for part in rows))
+    found = attached_sum(less, z.to(torch.complex64), force.to(torch.complex64), stretches, AT_ONCE)
+    assert found.dtype == torch.complex64
+
+
 def test_only_what_is_wanted_is_differentiated_again() -> None:
     rows, z, force, stretches = system(2, 1, 2)
     z.requires_grad_()

@@ -6,6 +6,7 @@ from torch.func import hessian, jacfwd, jacrev, vmap
 
 from torchplate.model import PlateModel, Searched, fine_mesh, reduce, shared_modes
 from torchplate.plate import Mesh
+from torchplate.plate.transforms import REMEMBERED
 
 # torch.func.jacfwd loads its own rules by torch.jit.script, which warns of itself.
 pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
@@ -223,9 +224,9 @@ def test_what_is_known_of_the_lines_is_kept_and_holds_for_the_whole_box(plates) 
     corners = model.space.to_si(torch.tensor([[0.0] * len(BOX), [1.0] * len(BOX)], dtype=torch.float64))
     assert error(shared.frf(corners, frequency[1:]), model.frf_direct(corners, frequency[1:])) < SERIES
     assert len(own._stretches) == 2
-    for n_line in range(3, 3 + shared_modes.REMEMBERED):
+    for n_line in range(3, 3 + REMEMBERED):
         shared.frf(theta, frequency[:n_line])
-    assert len(own._stretches) <= shared_modes.REMEMBERED
+    assert len(own._stretches) <= REMEMBERED
 
 
 def test_members_beyond_the_box_get_stretches_of_their_own(plates, monkeypatch) -> None:
@@ -255,3 +256,33 @@ def test_what_inference_mode_saw_can_be_differentiated_afterwards(plates) -> Non
     torch.testing.assert_close(seen.clone(), found.detach(), rtol=1e-4, atol=1e-6 * float(found.detach().abs().max()))
     (gradient,) = torch.autograd.grad(found.abs().square().sum(), position)
     assert bool(gradient.isfinite().all())
+
+
+@pytest.mark.parametrize("first", [jacrev, jacfwd, hessian], ids=lambda way: way.__name__)
+def test_nothing_made_inside_a_transform_is_remembered(plates, first) -> None:
+    searched = {key: BOX[key] for key in list(BOX)[:2]}
+    model, shared, frequency = made(plates, Mesh(0.7, 0.4, 3, 2), searched, response=[3], reference=[8])
+    lines, theta = frequency[1:4], members(model, 1)[0]
+    for known in (model.mesh._known_deflection, shared.assembly._known_rows, shared.shared_modes._stretches):
+        known.clear()
+    slope = first(lambda t: shared.frf(t, lines).abs().log().sum())(theta)
+    assert bool(slope.isfinite().all())
+    assert not model.mesh._known_deflection
+    assert not shared.assembly._known_rows
+    assert not shared.shared_modes._stretches
+    assert error(shared.frf(theta[None], lines), model.frf_direct(theta[None], lines)) < SERIES
+    assert shared.shared_modes._stretches
+    again = first(lambda t: shared.frf(t, lines).abs().log().sum())(theta)
+    torch.testing.assert_close(again, slope, rtol=1e-9, atol=0)
+
+
+def test_a_jacobian_is_the_same_by_batched_gradients_and_by_torch_func(plates) -> None:
+    model, shared, frequency = made(plates, MESHES["rectangle"])
+    theta = members(model, 1)[0]
+
+    def real(t: torch.Tensor) -> torch.Tensor:
+        return torch.view_as_real(shared.frf(t, frequency[1::8])).flatten()
+
+    expected = jacrev(real)(theta)
+    found = torch.autograd.functional.jacobian(real, theta, vectorize=True)
+    assert bool(((found - expected).abs() <= 1e-9 * expected.abs().amax(0)).all())

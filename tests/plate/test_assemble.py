@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from torchplate.plate import Assembly, Geometry, Local, Mesh, Proportional, Section, assemble
-from torchplate.plate.mesh import REMEMBERED
+from torchplate.plate.transforms import REMEMBERED
 
 SIDES = (0.7, 0.3)
 MESHES = {

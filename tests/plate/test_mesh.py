@@ -5,7 +5,7 @@ import torch
 from torch.autograd import forward_ad
 
 from torchplate.plate import Mesh
-from torchplate.plate.mesh import REMEMBERED
+from torchplate.plate.transforms import REMEMBERED
 
 PAPER = Mesh(0.48, 0.48, 10, 10)
 RECTANGLE = Mesh(0.7, 0.3, 5, 3)

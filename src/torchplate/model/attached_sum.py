@@ -20,8 +20,9 @@ from torch import Tensor
 from torch.autograd import Function
 
 from torchplate.model.attach import attach, attach_, weights
-from torchplate.model.frf import joined, transformed
+from torchplate.model.frf import joined
 from torchplate.model.modal_sum import Stretch, as_real, modal_sum, pairs_of, times_complex
+from torchplate.plate.transforms import transformed
 
 # Numbers in an array that is kept from call to call.
 KEPT = 2**20
@@ -94,11 +95,15 @@ class _AttachedSum(Function):
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         z, force = ctx.saved_tensors
         rows, stretches, at_once, _ = ctx.rest
-        if torch.is_grad_enabled():
-            # Somebody will differentiate the derivative.
-            found = _plain(rows, z, force, stretches, at_once)
-            wanted = [part for part, needed in zip((z, force), ctx.needs_input_grad, strict=False) if needed]
-            grads = iter(torch.autograd.grad(found, wanted, grad, create_graph=True))
+        again = torch.is_grad_enabled()
+        if again or transformed() or torch._C._functorch.is_legacy_batchedtensor(grad):
+            # Somebody will differentiate the derivative, or asks for many at once.
+            with torch.enable_grad():
+                # Views of their own: a force that z moves is no way from z to the sum here.
+                own = z.view_as(z), force.view_as(force)
+                found = _plain(rows, *own, stretches, at_once)
+            wanted = [part for part, needed in zip(own, ctx.needs_input_grad, strict=False) if needed]
+            grads = iter(torch.autograd.grad(found, wanted, grad, create_graph=again))
             return *(next(grads) if needed else None for needed in ctx.needs_input_grad[:2]), None, None, None, None
         of_z, of_force = torch.empty_like(z), torch.empty_like(force)
         for lines, block in _blocks(rows, z, force, stretches, at_once, False):
@@ -167,7 +172,7 @@ def _blocks(
     of_member = z.reshape(-1, n_line)
     of_term = force.reshape(len(force), *of_member.shape)
     sizes = [(s.last - s.first, 0 if s.series is None else s.series.shape[-1]) for s in stretches]
-    n_point, real = len(of_member) * min(at_once, n_line), torch.float32 if in_single else torch.float64
+    n_point, real = len(of_member) * min(at_once, n_line), torch.float32 if in_single else z.real.dtype
     kinds = {"real": real, "feature": real.to_complex(), "found": real.to_complex()}
     numbers = 2 * max(near for near, _ in sizes), max(map(sum, sizes)), n_row * n_column
     room = [

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
-from torch.autograd import forward_ad
 
 from torchplate.effects import SensorChain
 from torchplate.model.attach import attach, terms_first
@@ -164,11 +163,6 @@ def as_kind(
         return chain.factor * (1 - s**2 * value)
     # The value first: where its lines lie side by side in memory, they still do afterwards.
     return value * (chain.factor * s ** DERIVATIVE[kind]).to(value.dtype)
-
-
-def transformed() -> bool:
-    """Whether a transform of `torch.func` or forward mode is at work: then plain operations alone are right."""
-    return torch._C._functorch.peek_interpreter_stack() is not None or forward_ad._current_level >= 0
 
 
 def lines_at_once(memory: int, n_member: int, left: Tensor, right: Tensor, system: System) -> int:

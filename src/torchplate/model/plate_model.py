@@ -18,7 +18,6 @@ from torchplate.model.frf import (
     laplace_lines,
     lines_at_once,
     sensor_chain,
-    transformed,
 )
 from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
 from torchplate.model.modal_sum import MEMBERS_AT_ONCE
@@ -26,6 +25,7 @@ from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues
 from torchplate.model.parameter_space import ParameterSpace, Searched
 from torchplate.model.shared_modes import SharedModes
 from torchplate.plate import Assembly, Geometry, Local, Mesh, Plan, System
+from torchplate.plate.transforms import transformed
 
 Point = int | Sequence[float]
 Points = Sequence[Point] | Float[Tensor, "n_point 2"]

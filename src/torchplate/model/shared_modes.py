@@ -27,13 +27,12 @@ from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, reci
 from torchplate.model.modes import solve_modes
 from torchplate.plate import Assembly, Plan, Proportional
 from torchplate.plate.assemble import concatenate
+from torchplate.plate.transforms import REMEMBERED, transformed
 
 # Attaching terms one after the other costs the square of their number; with more, one `eigh` each is cheaper.
 MOST_TERMS = 12
 # Coefficients of members agree to rounding, or they are not multiples of the nominal ones.
 ALIKE = 1e-12
-# Sets of lines whose stretches are remembered.
-REMEMBERED = 8
 
 
 class Nominal(NamedTuple):
@@ -84,7 +83,7 @@ class SharedModes(nn.Module):
 
     def __init__(self, eigenvalue: Float[Tensor, " n"], nominal: Nominal, ends: Float[Tensor, "5 2"]) -> None:
         super().__init__()
-        self._stretches: dict[tuple[object, ...], list[Stretch]] = {}
+        self._stretches: dict[tuple[object, ...] | None, list[Stretch]] = {}
         # One entry tells the factor of all: the largest is never one that vanishes.
         self.entry = divmod(int(nominal.stiffness.abs().argmax()), nominal.stiffness.shape[-1])
         parts = {
@@ -147,18 +146,21 @@ class SharedModes(nn.Module):
         try:
             if bool(((own < low - ALIKE * low.abs()) | (own > high + ALIKE * high.abs())).any()):
                 return None
-            key = (laplace.device, laplace.dtype, at_once, laplace.detach().cpu().numpy().tobytes())
         except RuntimeError:
             # Under `vmap` nobody may look.
             return None
-        if key not in self._stretches:
-            if len(self._stretches) >= REMEMBERED:
-                self._stretches.clear()
+        key = None if transformed() else (laplace.device, laplace.dtype, at_once, laplace.cpu().numpy().tobytes())
+        found = self._stretches.get(key)
+        if found is None:
             corner = torch.cartesian_prod(*self.ends).unique(dim=0).mT
             kappa, mu = Proportional(*corner[1:]).at(laplace)
             z = -corner[0, :, None] * mu / kappa
-            self._stretches[key] = [self._around(block) for block in z.split(at_once, dim=-1)]
-        return self._stretches[key]
+            found = [self._around(block) for block in z.split(at_once, dim=-1)]
+            if key is not None:
+                if len(self._stretches) >= REMEMBERED:
+                    self._stretches.clear()
+                self._stretches[key] = found
+        return found
 
     def _around(self, z: Tensor) -> Stretch:
         return Stretch.around(Disc.around(z, self.eigenvalue), self.eigenvalue, CLOSE)

@@ -6,6 +6,7 @@
   (Local), damping in proportion to the whole model (Proportional), and all of these for one batch (Plan).
 - `laminate`: elements that the edges of a patch cut.
 - `assemble`: Section and Local to mass, stiffness and damping, in every dof or in a reduced basis.
+- `transforms`: what of all this may be remembered, and what belongs to a derivative.
 """
 
 from torchplate.plate.assemble import Assembly, Correction

@@ -15,8 +15,9 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from torch import Tensor, nn
 
 from torchplate.plate import element
-from torchplate.plate.mesh import REMEMBERED, Mesh, stays
+from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Geometry, Local, Proportional, Section, System
+from torchplate.plate.transforms import REMEMBERED, stays
 
 # Fixed matrices, of a uniform plate and of projected elements, are kept up to these sizes; beyond they are made anew.
 UNIFORM_BYTES, ELEMENT_BYTES = 256 * 2**20, 512 * 2**20

@@ -13,15 +13,13 @@ from functools import cached_property
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.autograd import forward_ad
 
 from torchplate.plate import element
+from torchplate.plate.transforms import REMEMBERED, stays
 
 EDGES = ("x0", "x1", "y0", "y1")
 EDGE_CONDITIONS = ("free", "simply_supported", "clamped")
 DOFS_PER_NODE = 3
-# Sets of places whose rows are remembered, and places in a set at most.
-REMEMBERED, MOST_PLACES = 32, 64
 
 
 @dataclass(frozen=True)
@@ -222,12 +220,3 @@ class Mesh:
         along_x, along_y = torch.broadcast_tensors(overlaps[0][..., None, :], overlaps[1][..., :, None])
         covered = (along_x > 0) & (along_y > 0)
         return (along_x * covered).flatten(-2), (along_y * covered).flatten(-2)
-
-
-def stays(value: Tensor) -> bool:
-    """Whether a few rows on the CPU are constants, which may be remembered: nothing is differentiated by them."""
-    if value.ndim != 2 or len(value) > MOST_PLACES or value.requires_grad or value.device.type != "cpu":
-        return False
-    if forward_ad._current_level >= 0 or torch.is_inference_mode_enabled():
-        return False
-    return not torch._C._functorch.is_functorch_wrapped_tensor(value)
