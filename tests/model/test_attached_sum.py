@@ -10,6 +10,7 @@ from torchplate.model.attached_sum import Rows, attached_sum
 from torchplate.model.modal_sum import CLOSE, Disc, Stretch, modal_sum
 
 N_MODE, N_LINE, AT_ONCE = 60, 50, 20
+ONE = torch.ones(1, dtype=torch.complex128)
 
 
 def random(*shape: int, seed: int) -> torch.Tensor:
@@ -43,7 +44,14 @@ BATCHES = pytest.mark.parametrize("batch", [(), (3,), (2, 3)], ids=str)
 @BATCHES
 def test_values_are_those_of_the_plain_operations(n_term: int, n_response: int, n_reference: int, batch) -> None:
     given = system(n_term, n_response, n_reference, batch)
-    found, expected = attached_sum(*given, AT_ONCE), plain(*given)
+    scale = torch.complex(*(random(*batch, N_LINE, seed=seed) for seed in (21, 22)))
+    expected = plain(*given)
+    for one in (scale, scale[..., :1]):
+        for enabled in (True, False):
+            with torch.set_grad_enabled(enabled):
+                scaled = attached_sum(*given, AT_ONCE, one)
+            assert float((scaled - expected * one).abs().max() / (expected * one).abs().max()) < 1e-13
+    found = attached_sum(*given, AT_ONCE, ONE)
     assert any(stretch.series is not None for stretch in given[3])
     assert found.shape == (n_response, n_reference, *batch, N_LINE)
     assert float((found - expected).abs().max() / expected.abs().max()) < 1e-13
@@ -61,7 +69,7 @@ def test_the_gradient_is_that_of_the_plain_operations(n_term: int, n_response: i
         return list(torch.autograd.grad(way(*inputs), inputs[: 1 + bool(n_term)], weight))
 
     expected = gradients(lambda z, force: plain(rows, z, force, stretches))
-    found = gradients(lambda z, force: attached_sum(rows, z, force, stretches, AT_ONCE))
+    found = gradients(lambda z, force: attached_sum(rows, z, force, stretches, AT_ONCE, ONE))
     for own, other in zip(found, expected, strict=True):
         assert own.shape == other.shape
         assert float((own - other).abs().max()) < 1e-12 * float(other.abs().max())
@@ -72,7 +80,7 @@ def test_a_term_without_force_has_a_gradient_too() -> None:
     force = force.clone()
     force[1] = 0.0
     force.requires_grad_()
-    (found,) = torch.autograd.grad(attached_sum(rows, z, force, stretches, AT_ONCE).abs().square().sum(), force)
+    (found,) = torch.autograd.grad(attached_sum(rows, z, force, stretches, AT_ONCE, ONE).abs().square().sum(), force)
     (expected,) = torch.autograd.grad(plain(rows, z, force, stretches).abs().square().sum(), force)
     assert float(expected[1].abs().min()) > 0
     torch.testing.assert_close(found, expected, rtol=1e-10, atol=0)
@@ -86,7 +94,7 @@ def test_a_gradient_can_be_differentiated_again() -> None:
         once = torch.autograd.grad(way(*inputs).abs().square().sum(), inputs, create_graph=True)
         return torch.autograd.grad(sum(part.abs().square().sum() for part in once), inputs)
 
-    found = twice(lambda z, force: attached_sum(rows, z, force, stretches, AT_ONCE))
+    found = twice(lambda z, force: attached_sum(rows, z, force, stretches, AT_ONCE, ONE))
     for own, other in zip(found, twice(lambda z, force: plain(rows, z, force, stretches)), strict=True):
         torch.testing.assert_close(own, other, rtol=1e-9, atol=1e-12 * float(other.abs().max()))
 
@@ -103,7 +111,7 @@ def test_a_force_that_z_moves_is_differentiated_once() -> None:
         (once,) = torch.autograd.grad(size(way), position, create_graph=True)
         return torch.stack([torch.autograd.grad(part, position, retain_graph=True)[0] for part in once])
 
-    found = twice(lambda z, force: attached_sum(rows, z, force, stretches, AT_ONCE))
+    found = twice(lambda z, force: attached_sum(rows, z, force, stretches, AT_ONCE, ONE))
     expected = twice(lambda z, force: plain(rows, z, force, stretches))
     torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-9 * float(expected.abs().max()))
 
@@ -111,7 +119,7 @@ def test_a_force_that_z_moves_is_differentiated_once() -> None:
 def test_many_gradients_can_be_asked_for_at_once() -> None:
     rows, z, force, stretches = system(2, 1, 2)
     inputs = [z.clone().requires_grad_(), force.clone().requires_grad_()]
-    found = attached_sum(rows, *inputs, stretches, AT_ONCE)
+    found = attached_sum(rows, *inputs, stretches, AT_ONCE, ONE)
     incoming = torch.complex(random(3, *found.shape, seed=9), random(3, *found.shape, seed=10))
     together = torch.autograd.grad(found, inputs, incoming, is_grads_batched=True, retain_graph=True)
     for index, one in enumerate(incoming):
@@ -123,14 +131,16 @@ def test_numbers_are_as_precise_as_those_given() -> None:
     rows, z, force, stretches = system(2, 1, 2)
     stretches = [own._replace(series=own.series if own.series is None else own.series.float()) for own in stretches]
     less = Rows(*(part.float() for part in rows))
-    found = attached_sum(less, z.to(torch.complex64), force.to(torch.complex64), stretches, AT_ONCE)
-    assert found.dtype == torch.complex64
+    numbers = [part.to(torch.complex64) for part in (z, force, ONE)]
+    for enabled in (True, False):
+        with torch.set_grad_enabled(enabled):
+            assert attached_sum(less, *numbers[:2], stretches, AT_ONCE, numbers[2]).dtype == torch.complex64
 
 
 def test_only_what_is_wanted_is_differentiated_again() -> None:
     rows, z, force, stretches = system(2, 1, 2)
     z.requires_grad_()
-    found = attached_sum(rows, z, force, stretches, AT_ONCE).abs().square().sum()
+    found = attached_sum(rows, z, force, stretches, AT_ONCE, ONE).abs().square().sum()
     (once,) = torch.autograd.grad(found, z, create_graph=True)
     (twice,) = torch.autograd.grad(once.abs().square().sum(), z)
     assert bool(twice.isfinite().all())
@@ -141,7 +151,9 @@ def test_single_precision_is_as_good_as_its_digits_beside_a_sharp_peak_too() -> 
     # A line a millionth of a mode's eigenvalue away from it, with no damping to speak of: in single precision the
     # difference of the two alone would have one digit.
     z[0, 7] = torch.complex(rows.eigenvalue[10] * (1 + 1e-6), rows.eigenvalue[10] * -1e-9)
-    found, expected = attached_sum(rows, z, force, stretches, AT_ONCE, in_single=True), plain(rows, z, force, stretches)
+    expected = plain(rows, z, force, stretches)
+    with torch.no_grad():
+        found = attached_sum(rows, z, force, stretches, AT_ONCE, ONE, in_single=True)
     assert found.dtype == torch.complex64
     error = (found - expected).norm(dim=-1) / expected.norm(dim=-1)
     assert 1e-9 < float(error.max()) < 1e-6
@@ -149,25 +161,27 @@ def test_single_precision_is_as_good_as_its_digits_beside_a_sharp_peak_too() -> 
 
 def test_attached_terms_cost_single_precision_some_digits_and_no_more() -> None:
     given = system(4, 2, 3, (5,))
-    found, expected = attached_sum(*given, AT_ONCE, in_single=True), plain(*given)
+    expected = plain(*given)
+    with torch.no_grad():
+        found = attached_sum(*given, AT_ONCE, ONE, in_single=True)
     error = (found - expected).norm(dim=-1) / expected.norm(dim=-1)
     assert 1e-9 < float(error.max()) < 1e-5
 
 
 def test_a_result_is_not_written_over_by_the_next() -> None:
     first, other = system(4, 1, 6, (3,)), system(4, 1, 6, (2,))
-    found = attached_sum(*first, AT_ONCE)
+    found = attached_sum(*first, AT_ONCE, ONE)
     kept = found.clone()
-    attached_sum(*other, AT_ONCE)
+    attached_sum(*other, AT_ONCE, ONE)
     assert torch.equal(found, kept)
 
 
 def test_threads_do_not_write_over_each_other() -> None:
     given = [system(4, 1, 6, (n,)) for n in (3, 4, 5, 6)]
-    expected, found = [attached_sum(*own, AT_ONCE) for own in given], [[] for _ in given]
+    expected, found = [attached_sum(*own, AT_ONCE, ONE) for own in given], [[] for _ in given]
 
     def work(index: int) -> None:
-        found[index] = [attached_sum(*given[index], AT_ONCE) for _ in range(20)]
+        found[index] = [attached_sum(*given[index], AT_ONCE, ONE) for _ in range(20)]
 
     threads = [threading.Thread(target=work, args=(index,)) for index in range(len(given))]
     for thread in threads:

@@ -47,9 +47,10 @@ def attached_sum(
     force: Complex[Tensor, "n_term *batch n_frequency"],
     stretches: Sequence[Stretch],
     at_once: int,
+    scale: Complex[Tensor, "*#batch #n_frequency"],
     in_single: bool = False,
 ) -> Complex[Tensor, "n_response n_reference *batch n_frequency"]:
-    """G between responses and references with all terms attached, differentiable in everything.
+    """G between responses and references with all terms attached, times a scale, differentiable in everything.
 
     Args:
         rows: modes and where they are read.
@@ -57,12 +58,15 @@ def attached_sum(
         force: D of each term, in the units of 1 / G.
         stretches: of each block of lines.
         at_once: lines in a block.
+        scale: 1/κ of the stiffness factor.
         in_single: single precision, for values alone.
     """
     moving = torch.is_grad_enabled() and any(part.requires_grad for part in rows)
-    if rows.alike and not moving and not transformed():
-        return _AttachedSum.apply(z, force, rows, stretches, at_once, in_single)
-    return _plain(rows, z, force, stretches, at_once)
+    if not rows.alike or moving or transformed():
+        return _plain(rows, z, force, stretches, at_once) * scale
+    if torch.is_grad_enabled():
+        return _AttachedSum.apply(z, force, rows, stretches, at_once) * scale
+    return _values(rows, z, force, stretches, at_once, scale, in_single)
 
 
 def _plain(rows: Rows, z: Tensor, force: Tensor, stretches: Sequence[Stretch], at_once: int) -> Tensor:
@@ -70,21 +74,31 @@ def _plain(rows: Rows, z: Tensor, force: Tensor, stretches: Sequence[Stretch], a
     return joined([attach(modal_sum(*rows, own, stretch), tied) for own, tied, stretch in blocks], -1)
 
 
+def _values(
+    rows: Rows,
+    z: Tensor,
+    force: Tensor,
+    stretches: Sequence[Stretch],
+    at_once: int,
+    scale: Tensor | None = None,
+    in_single: bool = False,
+) -> Tensor:
+    n, shape, dtype = len(force), z.shape, torch.complex64 if in_single else z.dtype
+    found = z.new_empty(len(rows.left) - n, len(rows.right) - n, *shape, dtype=dtype)
+    if scale is not None:
+        scale = scale.to(dtype).expand(shape)
+    for lines, block in _blocks(rows, z, force, stretches, at_once, in_single):
+        own = block.attached().unflatten(-1, (*shape[:-1], -1))
+        found[..., lines] = own if scale is None else own.mul_(scale[..., lines])
+    return found
+
+
 class _AttachedSum(Function):
     """The values in place; the first derivative by the adjoint, further ones from the plain operations."""
 
     @staticmethod
-    def forward(
-        z: Tensor, force: Tensor, rows: Rows, stretches: Sequence[Stretch], at_once: int, in_single: bool
-    ) -> Tensor:
-        found = None
-        for lines, block in _blocks(rows, z, force, stretches, at_once, in_single):
-            own = block.attached()
-            if found is None:
-                found = own.new_empty(*own.shape[:2], *z.shape)
-            found[..., lines] = own.unflatten(-1, (*z.shape[:-1], -1))
-        assert found is not None
-        return found
+    def forward(z: Tensor, force: Tensor, rows: Rows, stretches: Sequence[Stretch], at_once: int) -> Tensor:
+        return _values(rows, z, force, stretches, at_once)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
@@ -94,7 +108,7 @@ class _AttachedSum(Function):
     @staticmethod
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         z, force = ctx.saved_tensors
-        rows, stretches, at_once, _ = ctx.rest
+        rows, stretches, at_once = ctx.rest
         again = torch.is_grad_enabled()
         if again or transformed() or torch._C._functorch.is_legacy_batchedtensor(grad):
             # Somebody will differentiate the derivative, or asks for many at once.
@@ -104,12 +118,12 @@ class _AttachedSum(Function):
                 found = _plain(rows, *own, stretches, at_once)
             wanted = [part for part, needed in zip(own, ctx.needs_input_grad, strict=False) if needed]
             grads = iter(torch.autograd.grad(found, wanted, grad, create_graph=again))
-            return *(next(grads) if needed else None for needed in ctx.needs_input_grad[:2]), None, None, None, None
+            return *(next(grads) if needed else None for needed in ctx.needs_input_grad[:2]), None, None, None
         of_z, of_force = torch.empty_like(z), torch.empty_like(force)
         for lines, block in _blocks(rows, z, force, stretches, at_once, False):
             own = block.gradient(grad[..., lines].flatten(2))
             of_z[..., lines], of_force[..., lines] = (part.unflatten(-1, (*z.shape[:-1], -1)) for part in own)
-        return of_z, of_force, None, None, None, None
+        return of_z, of_force, None, None, None
 
 
 class _Block(NamedTuple):

@@ -134,18 +134,19 @@ class SharedModes(nn.Module):
         stretches: Sequence[Stretch] = self._expected(laplace, at_once, m / e, damping) or [
             self._around(block) for block in z.split(at_once, dim=-1)
         ]
-        found = attached_sum(Rows(self.eigenvalue, *sides), z, force, stretches, at_once, in_single)
-        return (found * flexibility.to(found)).movedim((0, 1), (-2, -1))
+        rows = Rows(self.eigenvalue, *sides)
+        found = attached_sum(rows, z, force, stretches, at_once, flexibility, in_single)
+        return found.movedim((0, 1), (-2, -1))
 
     def _expected(self, laplace: Tensor, at_once: int, ratio: Tensor, damping: Proportional) -> list[Stretch] | None:
         """Where z of each block of lines may be in the box; None of members beyond it, or a bent s: nobody knows."""
         if laplace.ndim > 1 or torch.is_inference_mode_enabled():
             return None
-        parts = torch.broadcast_tensors(*(torch.as_tensor(part).to(ratio).detach() for part in (ratio, *damping)))
-        own, (low, high) = torch.stack(parts).reshape(len(parts), -1), self.ends[..., None].unbind(1)
         try:
-            if bool(((own < low - ALIKE * low.abs()) | (own > high + ALIKE * high.abs())).any()):
-                return None
+            for part, (low, high) in zip((ratio, *damping), self.ends.tolist(), strict=True):
+                least, greatest = (float(end) for end in torch.as_tensor(part).detach().aminmax())
+                if least < low - ALIKE * abs(low) or greatest > high + ALIKE * abs(high):
+                    return None
         except RuntimeError:
             # Under `vmap` nobody may look.
             return None
