@@ -142,7 +142,8 @@ def test_the_slope_of_the_features_is_their_derivative_in_z(n_term: int) -> None
         eigenvalue, z, stretch = stretch_of(n_term)
     feature = stretch.features(eigenvalue, z)
     weight = torch.complex(random(*feature.shape, seed=11), random(*feature.shape, seed=12))
-    found = stretch.slope(feature, weight, z)
+    order = stretch.sloped(torch.ones(1, len(feature), dtype=torch.float64)).mT
+    found = stretch.slope(feature, weight * order, z)
     step = 1e-5 * z.real.max()
     ends = [(weight * stretch.features(eigenvalue, z + sign * step)).sum(0) for sign in (1, -1)]
     torch.testing.assert_close(found, (ends[0] - ends[1]) / (2 * step), rtol=1e-4, atol=1e-5 * float(found.abs().max()))

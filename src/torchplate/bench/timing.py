@@ -9,17 +9,22 @@ from typing import Any
 
 import torch
 
+# A turn lasts at least so long [s]: short ways run again and again in it, as they do in a search.
+TURN = 0.1
+
 
 def interleaved(ways: Mapping[str, Callable[[], Any]], n_repeat: int = 5) -> dict[str, float]:
     """Median seconds of each way; they take turns, so that a slow spell of the machine hits all alike."""
     times: dict[str, list[float]] = {name: [] for name in ways}
     for turn in range(n_repeat + 1):
         for name, way in ways.items():
-            began = time.perf_counter()
-            way()
+            count, began = 0, time.perf_counter()
+            while not count or time.perf_counter() - began < TURN:
+                way()
+                count += 1
             # The first turn warms up.
             if turn:
-                times[name].append(time.perf_counter() - began)
+                times[name].append((time.perf_counter() - began) / count)
     return {name: statistics.median(values) for name, values in times.items()}
 
 

@@ -22,6 +22,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from torchplate.model.modal_sum import reciprocal
+
 
 def attach(
     found: Complex[Tensor, "n_left n_right *batch n_frequency"],
@@ -42,22 +44,44 @@ def attach(
 
 def attach_(found: Complex[Tensor, "n_left n_right n_point"], stiffness: Complex[Tensor, "n_term n_point"]) -> Tensor:
     """The same, written over `found`, in few operations: on short rows each costs more than its numbers."""
-    n, total = len(stiffness), found[len(stiffness) :, len(stiffness) :]
-    pull, pivots = [], []
+    n = len(stiffness)
+    total = found[n:, n:]
+    for index, pull in enumerate(pulls_(found[:, :n], stiffness)):
+        total.addcmul_(pull[:, None], found[index, n:], value=-1)
+    return total
+
+
+def pulls_(
+    matrix: Complex[Tensor, "n_row n_term n_point"],
+    stiffness: Complex[Tensor, "n_term n_point"],
+    moved: list[Tensor] | None = None,
+) -> list[Complex[Tensor, "n_other n_point"]]:
+    """As `pulls`, written over the matrix, in whose lower rows they are afterwards.
+
+    Args:
+        matrix: G_tt, and below it the rows G.
+        stiffness: D.
+        moved: takes X D⁻¹ of each term, the last one first.
+    """
+    n = len(stiffness)
+    found, inverses, pivots = list(matrix[n:].unbind(1)), [], []
     for index, own in enumerate(stiffness.unbind()):
-        pivot = own / (own * found[index, index]).add_(1)
-        after = slice(index + 1, n)
-        pull.append(found[n:, index])
+        yielding = (own * matrix[index, index]).add_(1)
+        if moved is None:
+            pivots.append(own / yielding)
+        else:
+            inverses.append(reciprocal(yielding))
+            pivots.append(own * inverses[-1])
         if index < n - 1:
-            rest = found[index + 1 :, after]
-            rest.addcmul_(found[index + 1 :, index, None], found[index, after] * pivot, value=-1)
-        pivots.append(pivot)
+            row = matrix[index, index + 1 :] * pivots[-1]
+            matrix[index + 1 :, index + 1 :].addcmul_(matrix[index + 1 :, index, None], row, value=-1)
     for index in reversed(range(n)):
         for later in range(index + 1, n):
-            pull[index].addcmul_(pull[later], found[index, later], value=-1)
-        pull[index].mul_(pivots[index])
-        total.addcmul_(pull[index][:, None], found[index, n:], value=-1)
-    return total
+            found[index].addcmul_(found[later], matrix[index, later], value=-1)
+        if moved is not None:
+            moved.append(found[index] * inverses[index])
+        found[index].mul_(pivots[index])
+    return found
 
 
 def pulls(
@@ -118,6 +142,38 @@ def weights(
     beside = torch.cat([adjoint, -incoming], dim=1)
     top = sum_of(across[:, None] * along for across, along in zip(both, beside, strict=True))
     return torch.cat([top, -beside]), -(moved * pushed).sum(0)
+
+
+def weights_(
+    found: Complex[Tensor, "n_left n_right n_point"],
+    stiffness: Complex[Tensor, "n_term n_point"],
+    incoming: Complex[Tensor, "n_response n_reference n_point"],
+    room: Complex[Tensor, "n_more n_term n_point"],
+) -> tuple[Complex[Tensor, "n_left n_right n_point"], Complex[Tensor, "n_term n_point"]]:
+    """As `weights`, written over `found`.
+
+    Args:
+        found: G as `attach` takes it.
+        stiffness: D.
+        incoming: V.
+        room: as many rows as `found` has, and one more for each response; written over too.
+    """
+    n, n_left = len(stiffness), len(found)
+    room[:n_left] = found[:, :n]
+    pushed = room[n_left:].zero_()
+    for k in range(incoming.shape[1]):
+        pushed.addcmul_(incoming[:, k, None], found[None, :n, n + k])
+    moved: list[Tensor] = []
+    pulls_(room, stiffness, moved)
+    of_stiffness = torch.empty_like(stiffness)
+    for own, both in zip(reversed(of_stiffness.unbind()), moved, strict=True):
+        torch.sum(both[: n_left - n] * -both[n_left - n :], 0, out=own)
+    torch.neg(room[n_left:], out=found[n:, :n])
+    found[n:, n:] = incoming
+    found[:n] = 0
+    for across, along in zip(room[n:n_left], found[n:], strict=True):
+        found[:n].addcmul_(across[:, None], along[None], value=-1)
+    return found, of_stiffness
 
 
 def terms_first(value: Float[Tensor, "*batch n_term"], n_batch: int) -> Float[Tensor, "n_term *more 1"]:

@@ -10,6 +10,7 @@ Derivatives of derivatives, forward mode and `torch.func` go through the plain o
 
 # ruff: noqa: ARG004  # torch says which arguments a custom function has, needed or not
 
+import math
 import threading
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -19,9 +20,9 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 from torch.autograd import Function
 
-from torchplate.model.attach import attach, attach_, weights
+from torchplate.model.attach import attach, attach_, weights_
 from torchplate.model.frf import joined
-from torchplate.model.modal_sum import Stretch, as_real, modal_sum, pairs_of, times_complex
+from torchplate.model.modal_sum import Stretch, as_complex, as_real, modal_sum, pairs_of
 from torchplate.plate.transforms import transformed
 
 # Numbers in an array that is kept from call to call.
@@ -121,7 +122,7 @@ class _AttachedSum(Function):
             return *(next(grads) if needed else None for needed in ctx.needs_input_grad[:2]), None, None, None
         of_z, of_force = torch.empty_like(z), torch.empty_like(force)
         for lines, block in _blocks(rows, z, force, stretches, at_once, False):
-            own = block.gradient(grad[..., lines].flatten(2))
+            own = block.gradient(grad[..., lines].conj_physical().flatten(2))
             of_z[..., lines], of_force[..., lines] = (part.unflatten(-1, (*z.shape[:-1], -1)) for part in own)
         return of_z, of_force, None, None, None
 
@@ -170,10 +171,17 @@ class _Block(NamedTuple):
         return attach_(self.alone(self.features(), self.weights()), self.force)
 
     def gradient(self, grad: Tensor) -> tuple[Tensor, Tensor]:
-        """What the gradient of `attached` makes those of z and of the terms' D."""
-        feature, weight = self.features(), self.weights()
-        of_found, of_force = weights(self.alone(feature, weight), self.force, grad.conj().resolve_conj())
-        of_feature = times_complex(weight.mT, of_found.flatten(0, 1))
+        """What the conjugate gradient of `attached` makes the gradients of z and of the terms' D."""
+        feature, weight, n_term = self.features(), self.weights(), len(self.force)
+        rows = (len(self.found) + len(grad), n_term, len(self.z))
+        more, second = (
+            _room(name, math.prod(shape), feature.dtype, feature.device).view(shape)
+            for name, shape in (("more", rows), ("second", feature.shape))
+        )
+        of_found, of_force = weights_(self.alone(feature, weight), self.force, grad, more)
+        of_feature = as_complex(
+            torch.mm(self.stretch.sloped(weight).mT, as_real(of_found.flatten(0, 1)), out=as_real(second))
+        )
         of_z = self.stretch.slope(feature, of_feature, self.z)
         return of_z.conj().resolve_conj(), of_force.conj().resolve_conj()
 
@@ -222,4 +230,4 @@ def _room(name: str, number: int, dtype: torch.dtype, device: torch.device) -> T
         found = torch.empty(number, dtype=dtype, device=device)
         if number <= KEPT and not torch.is_inference_mode_enabled():
             _ROOMS.arrays[key] = found
-    return found
+    return found[:number]

@@ -132,7 +132,7 @@ def _block(
             slope = of_modes(near, slow, stretch.slopes(z.eigenvalue))
     inertia, strain = torch.zeros_like(pole), torch.zeros_like(pole)
     if any(need[name] for name in (*Impedance._fields[4:8], "laplace")):
-        inertia = stretch.slope(feature, times_complex(counted.mT, flat), pole) * flexibility
+        inertia = stretch.slope(feature, times_complex(stretch.sloped(counted).mT, flat), pole) * flexibility
         strain = (value * alone).sum((0, 1)) * flexibility + pole * inertia
     motion = (-motion * flexibility.square()).movedim(0, -2)
     return _Sums(level, slope, _nearest(z.eigenvalue, pole, stretch)), (strain, inertia, motion)

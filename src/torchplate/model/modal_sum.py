@@ -121,22 +121,33 @@ class Stretch(NamedTuple):
         values = chebyshev_values((z - self.disc.centre) / self.disc.half, self.series.shape[-1])
         return torch.cat([near, *(value[..., None, :] for value in values)], dim=-2)
 
+    def sloped(self, weights: Float[Tensor, "*batch n_pair n_feature"]) -> Float[Tensor, "*batch n_pair n_feature"]:
+        """Weights of features for `slope`: those of T_k times k."""
+        order = torch.ones(weights.shape[-1], dtype=weights.dtype, device=weights.device)
+        order[self.last - self.first :] = torch.arange(len(order) - (self.last - self.first))
+        return weights * order
+
     def slope(
         self,
         feature: Complex[Tensor, "*batch n_feature n_point"],
         weight: Complex[Tensor, "*batch n_feature n_point"],
         z: Complex[Tensor, "*batch n_point"],
     ) -> Complex[Tensor, "*batch n_point"]:
-        """The derivative in z of features, each times its weight, summed: 1 / (λ − z)² and T_k' = k U_(k−1)."""
+        """The derivative in z of features, each times its weight, summed: 1 / (λ − z)² and T_k' = k U_(k−1).
+
+        Args:
+            feature: of `features`.
+            weight: of each feature, from `sloped` ones: U_(k−1) already k times.
+            z: where [rad²/s²].
+        """
         n_near = self.last - self.first
         total = (feature[..., :n_near, :].square() * weight[..., :n_near, :]).sum(-2)
         if self.series is None or self.disc is None:
             return total
         # Clenshaw's recurrence.
-        twice, slow = (z - self.disc.centre) * (2 / self.disc.half), weight[..., n_near:, :].unbind(-2)
-        last = before = torch.zeros_like(z)
-        for k in range(len(slow) - 1, 0, -1):
-            last, before = slow[k] * k + twice * last - before, last
+        twice, last, before = (z - self.disc.centre) * (2 / self.disc.half), torch.zeros_like(z), torch.zeros_like(z)
+        for own in reversed(weight[..., n_near + 1 :, :].unbind(-2)):
+            last, before = torch.addcmul(own, twice, last) - before, last
         return total + last / self.disc.half
 
 
@@ -182,7 +193,12 @@ def times_complex(
     matrix: Float[Tensor, "*#batch n_row n"], value: Complex[Tensor, "*#batch n n_point"]
 ) -> Complex[Tensor, "*batch n_row n_point"]:
     """A real matrix times a complex one."""
-    return torch.view_as_complex((matrix @ as_real(value)).unflatten(-1, (-1, 2)))
+    return as_complex(matrix @ as_real(value))
+
+
+def as_complex(value: Float[Tensor, "*batch n_part"]) -> Complex[Tensor, "*batch n"]:
+    """Pairs of real numbers as the complex ones that they are."""
+    return torch.view_as_complex(value.unflatten(-1, (-1, 2)))
 
 
 def chebyshev_series(a: Float[Tensor, "*batch n"], n_term: int) -> Float[Tensor, "*batch n n_term"]:
