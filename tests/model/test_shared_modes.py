@@ -111,7 +111,8 @@ def test_heavy_damping_is_within_the_series(plates, loss: float) -> None:
     assert error(shared.frf(theta, frequency[1:]), model.frf_direct(theta, frequency[1:])) < SERIES
 
 
-def test_a_lump_whose_place_is_searched_is_attached_where_it_is(plates) -> None:
+def lump_anywhere() -> tuple[PlateModel, PlateModel, torch.Tensor]:
+    """A plate that shares its modes, with a lump whose place is searched."""
     from torchplate.effects import Plate, PointMass
 
     known = {"plate.poisson_ratio": 0.3, "plate.density": 2700.0, "plate.thickness": 0.003}
@@ -123,6 +124,11 @@ def test_a_lump_whose_place_is_searched_is_attached_where_it_is(plates) -> None:
     frequency = torch.linspace(10.0, 400.0, 30, dtype=torch.float64)
     shared, _ = reduce(model, frequency)
     assert shared.shared_modes is not None
+    return model, shared, frequency
+
+
+def test_a_lump_whose_place_is_searched_is_attached_where_it_is() -> None:
+    model, shared, frequency = lump_anywhere()
     theta = members(model, 6)
     assert error(shared.frf(theta, frequency), model.frf_direct(theta, frequency)) < SERIES
 
@@ -210,6 +216,10 @@ def test_single_precision_changes_nothing_where_members_share_no_modes(plates) -
     theta, frequency = members(model, 2), torch.linspace(5.0, 200.0, 20, dtype=torch.float64)
     with torch.no_grad():
         assert torch.equal(model.in_single_precision().frf(theta, frequency), model.frf(theta, frequency))
+    model, shared, frequency = lump_anywhere()
+    theta = members(model, 2)
+    with torch.no_grad():
+        assert torch.equal(shared.in_single_precision().frf(theta, frequency), shared.frf(theta, frequency))
 
 
 def test_what_is_known_of_the_lines_is_kept_and_holds_for_the_whole_box(plates) -> None:

@@ -185,9 +185,9 @@ class PlateModel(nn.Module):
     def in_single_precision(self) -> "PlateModel":
         """The same model for searches: under `torch.no_grad` its FRFs are put together in single precision.
 
-        Where all members share their modes (`reduce` tells) it is half as fast again, and off by about 1e-6 of an FRF's
-        norm; elsewhere nothing changes. How far a line is from a pole is found in double precision all the same, and
-        derivatives never leave it.
+        Where all members share their modes (`reduce` tells) and no place is searched it is half as fast again, and off
+        by about 1e-6 of an FRF's norm; elsewhere nothing changes. How far a line is from a pole is found in double
+        precision all the same, and derivatives never leave it.
         """
         twin = copy.copy(self)
         twin._modules = dict(self._modules)

@@ -114,7 +114,7 @@ class SharedModes(nn.Module):
             laplace: s [1/s].
             left: modal deflections at the responses [1/√kg].
             right: modal deflections at the references [1/√kg].
-            in_single: products and sums in single precision, for values alone.
+            in_single: products and sums in single precision, for values alone, and where no place is searched.
         """
         stiffness, mass = _coefficients(assembly, plan)
         e, m = stiffness[..., self.entry[0], self.entry[1]] / self.stiffness, mass[..., 0, 0] / self.mass
@@ -127,6 +127,8 @@ class SharedModes(nn.Module):
         flexibility = reciprocal(e[..., None] * kappa)
         # Of the whole batch, also where only terms or places differ between the members.
         z = (-m[..., None] * mu * flexibility).expand(*batch, laplace.shape[-1])
+        rows = Rows(self.eigenvalue, *sides)
+        in_single = in_single and rows.alike
         numbers = torch.complex64 if in_single else z.dtype
         force = attached.stiffness(z.to(numbers), (laplace * flexibility).expand(z.shape).to(numbers))
         # What stays in the cache.
@@ -134,7 +136,6 @@ class SharedModes(nn.Module):
         stretches: Sequence[Stretch] = self._expected(laplace, at_once, m / e, damping) or [
             self._around(block) for block in z.split(at_once, dim=-1)
         ]
-        rows = Rows(self.eigenvalue, *sides)
         found = attached_sum(rows, z, force, stretches, at_once, flexibility, in_single)
         return found.movedim((0, 1), (-2, -1))
 
