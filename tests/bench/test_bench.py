@@ -6,6 +6,7 @@ import pytest
 import torch
 from rich.console import Console
 
+from torchplate.bench import timing
 from torchplate.bench.peer import Peer
 from torchplate.bench.problem import LINES, RESPONSE, members, paper_model
 from torchplate.bench.timing import interleaved
@@ -31,11 +32,23 @@ def test_places_stay_where_they_are_on_a_finer_mesh(n_element: int) -> None:
     assert len(model.reference) == 6
 
 
-def test_ways_take_turns_and_the_first_turn_does_not_count() -> None:
+def test_ways_take_turns_and_the_first_turn_does_not_count(monkeypatch) -> None:
+    monkeypatch.setattr(timing, "TURN", 0.0)
     turns = []
     taken = interleaved({"a": lambda: turns.append("a"), "b": lambda: turns.append("b")}, n_repeat=3)
     assert turns == ["a", "b"] * 4
     assert set(taken) == {"a", "b"}
+
+
+def test_a_short_way_runs_again_and_again_in_its_turn(monkeypatch) -> None:
+    clock = iter(range(1000))
+    monkeypatch.setattr(timing.time, "perf_counter", lambda: float(next(clock)))
+    monkeypatch.setattr(timing, "TURN", 5.0)
+    turns = []
+    taken = interleaved({"a": lambda: turns.append("a"), "b": lambda: turns.append("b")}, n_repeat=1)
+    # A look at the clock is a second here: five of them to a turn, and one at its end.
+    assert "".join(turns) == "aaaaabbbbb" * 2
+    assert taken == {"a": 6 / 5, "b": 6 / 5}
 
 
 def test_a_part_takes_the_place_of_what_was_written_of_it(tmp_path, monkeypatch) -> None:
