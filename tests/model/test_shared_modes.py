@@ -296,3 +296,12 @@ def test_a_jacobian_is_the_same_by_batched_gradients_and_by_torch_func(plates) -
     expected = jacrev(real)(theta)
     found = torch.autograd.functional.jacobian(real, theta, vectorize=True)
     assert bool(((found - expected).abs() <= 1e-9 * expected.abs().amax(0)).all())
+
+
+def test_natural_frequencies_of_a_model_that_needs_no_matrix_are_those_of_all_dofs(plates) -> None:
+    model, shared, _ = made(plates, MESHES["cantilever"])
+    assert shared.assembly.uniform is None
+    theta = members(model, 3)
+    torch.testing.assert_close(
+        shared.natural_frequencies(theta, 8), model.natural_frequencies(theta, 8), rtol=1e-7, atol=1e-6
+    )

@@ -166,7 +166,9 @@ class PlateModel(nn.Module):
         twin._modules = dict(self._modules)
         section = self.plan(self.space.to_si(torch.full((len(self.names),), 0.5).to(self.known))).section
         by_element = any(part is not None and part.shape[-1] > 1 for part in section)
-        twin.assembly = Assembly(self.mesh, basis.cpu(), by_element, self.assembly.correction).to(basis)
+        # On all dofs, members that share their modes need no matrix any more.
+        dense = shared_modes is None or basis.shape[0] != basis.shape[1]
+        twin.assembly = Assembly(self.mesh, basis.cpu(), by_element, self.assembly.correction, dense).to(basis)
         twin.shared_modes = shared_modes
         return twin
 

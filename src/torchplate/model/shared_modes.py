@@ -145,8 +145,8 @@ class SharedModes(nn.Module):
             return None
         try:
             for part, (low, high) in zip((ratio, *damping), self.ends.tolist(), strict=True):
-                least, greatest = (float(end) for end in torch.as_tensor(part).detach().aminmax())
-                if least < low - ALIKE * abs(low) or greatest > high + ALIKE * abs(high):
+                least, greatest = part.detach().aminmax() if isinstance(part, Tensor) else (part, part)
+                if float(least) < low - ALIKE * abs(low) or float(greatest) > high + ALIKE * abs(high):
                     return None
         except RuntimeError:
             # Under `vmap` nobody may look.

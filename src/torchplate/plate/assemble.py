@@ -59,7 +59,7 @@ class Assembly(nn.Module):
         basis: columns over the free dofs; with it, all results are those of the projection basisᵀ (·) basis.
         by_element: whether elements will differ. Each is then projected once, where that fits.
         correction: what the stiffness of a finer mesh would add; see `model.extrapolation`.
-        dense: whether matrices of all dofs will be wanted often; False where only sparse ones and projections are.
+        dense: whether matrices will be wanted often; False where only sparse ones, projections and rows are.
     """
 
     index: Tensor
@@ -104,7 +104,8 @@ class Assembly(nn.Module):
         self.register_buffer("element_masses", None, persistent=False)
         self.register_buffer("mirror", None, persistent=False)
         if basis is not None:
-            self.uniform = torch.stack([self._projected(one) for one in (*pattern, mass_pattern)])
+            if dense:
+                self.uniform = torch.stack([self._projected(one) for one in (*pattern, mass_pattern)])
             if by_element and 7 * 8 * mesh.n_element * basis.shape[-1] ** 2 <= 2 * ELEMENT_BYTES:
                 self._keep_elements()
         elif dense and 7 * 8 * len(free) ** 2 <= UNIFORM_BYTES:
