@@ -75,6 +75,19 @@ def test_the_gradient_is_that_of_the_plain_operations(n_term: int, n_response: i
         assert float((own - other).abs().max()) < 1e-12 * float(other.abs().max())
 
 
+@pytest.mark.parametrize("which", ["left", "right", "eigenvalue"])
+def test_rows_and_modes_that_move_have_their_gradient(which: str) -> None:
+    rows, z, force, stretches = system(2, 1, 2)
+    # All modes one by one: the series is of constants.
+    near = [Stretch(None, 0, N_MODE, None) for _ in stretches]
+    moving = getattr(rows, which).clone().requires_grad_()
+    given = rows._replace(**{which: moving}), z, force, near
+    (found,) = torch.autograd.grad(attached_sum(*given, AT_ONCE, ONE).abs().square().sum(), moving)
+    (expected,) = torch.autograd.grad(plain(*given).abs().square().sum(), moving)
+    assert bool(expected.any())
+    torch.testing.assert_close(found, expected, rtol=1e-9, atol=0)
+
+
 def test_a_term_without_force_has_a_gradient_too() -> None:
     rows, z, force, stretches = system(3, 1, 2)
     force = force.clone()

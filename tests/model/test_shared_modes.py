@@ -266,6 +266,9 @@ def test_what_inference_mode_saw_can_be_differentiated_afterwards(plates) -> Non
     torch.testing.assert_close(seen.clone(), found.detach(), rtol=1e-4, atol=1e-6 * float(found.detach().abs().max()))
     (gradient,) = torch.autograd.grad(found.abs().square().sum(), position)
     assert bool(gradient.isfinite().all())
+    place = torch.tensor([[0.61, 0.37]], dtype=torch.float64, requires_grad=True)
+    (gradient,) = torch.autograd.grad(shared.frf(theta, frequency, place).abs().square().sum(), place)
+    assert bool(gradient.isfinite().all())
 
 
 @pytest.mark.parametrize("first", [jacrev, jacfwd, hessian], ids=lambda way: way.__name__)
