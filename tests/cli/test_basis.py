@@ -81,7 +81,8 @@ def test_a_search_in_single_precision_finds_the_same_and_says_it_in_double(bench
         seen = float(list(csv.DictReader(file))[-1]["best_objective"])
     found = single.result["objective"]
     assert seen == pytest.approx(found, rel=1e-4)
-    assert seen != pytest.approx(found, rel=1e-12)
+    # The history has ten digits.
+    assert seen != pytest.approx(found, rel=1e-9)
     again = bench.run(searched, {"search.basis": "auto", "search.precision": "single", "search.polish": True}, out="p")
     assert again.result["objective"] <= single.result["objective"]
     path = single.folder / "config.yaml"
