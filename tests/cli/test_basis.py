@@ -99,3 +99,19 @@ def test_a_search_goes_on_in_the_precision_it_began_in(bench, command, monkeypat
     assert status == 2
     assert "search.precision" in said
     assert command("run", "plate.yaml", "--out", "out", "--resume", *more)[0] == 0
+
+
+def test_what_single_precision_found_is_polished_from_its_objective_in_double(bench, monkeypatch):
+    begun = []
+    own = run.polished
+
+    def spy(searched, outcome, console):
+        again = searched(searched.model.space.to_si(outcome.best_position))
+        begun.append((outcome.best_objective.tolist(), again.tolist()))
+        return own(searched, outcome, console)
+
+    monkeypatch.setattr(run, "polished", spy)
+    settings = {"search.basis": "auto", "search.precision": "single", "search.polish": True}
+    bench.run(["plate.youngs_modulus", "wires.stiffness"], settings)
+    ((given, again),) = begun
+    assert given == pytest.approx(again, rel=1e-12)
