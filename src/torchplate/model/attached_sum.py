@@ -59,7 +59,7 @@ def attached_sum(
         force: D of each term, in the units of 1 / G.
         stretches: of each block of lines.
         at_once: lines in a block.
-        scale: 1/κ of the stiffness factor.
+        scale: what the sum is multiplied by, 1 / eκ.
         in_single: single precision, for values alone.
     """
     moving = torch.is_grad_enabled() and any(part.requires_grad for part in rows)
