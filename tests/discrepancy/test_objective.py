@@ -183,6 +183,16 @@ def test_the_default_is_the_sum_of_the_papers_equation_22():
     assert float(relative_frf_norm(model, of(measured, pairs))) == pytest.approx(total, rel=1e-12)
 
 
+def test_a_measurement_that_is_a_conjugate_by_name_alone_is_compared_as_one():
+    generator = torch.Generator().manual_seed(3)
+    frf, model = (torch.randn(9, 1, 2, dtype=torch.complex128, generator=generator) for _ in range(2))
+    pairs = torch.ones(1, 2, dtype=torch.bool)
+    lazy = frf.conj()
+    assert lazy.is_conj()
+    found = relative_frf_norm(model, Measured(lazy, pairs))
+    torch.testing.assert_close(found, relative_frf_norm(model, Measured(lazy.resolve_conj(), pairs)))
+
+
 def test_the_complex_gain_never_turns_the_sign():
     model, pairs = random_frfs(11, 6, 1, 1), torch.ones(1, 1, dtype=torch.bool)
     assert float(OBJECTIVES["relative_frf_norm"].gain(model, of(-2.0 * model, pairs))) == 0.0

@@ -43,7 +43,7 @@ def precision_residual(
 
 def relative_slope(measured: Measured) -> Float[Tensor, "n_frequency n_response n_reference"]:
     """1 / ‖H_measured,r‖, the same for all lines of an FRF."""
-    norm = torch.view_as_real(measured.frf).square().sum((-1, 0)).sqrt()
+    norm = torch.view_as_real(measured.frf.resolve_conj()).square().sum((-1, 0)).sqrt()
     return torch.where(measured.pairs, 1 / torch.where(measured.pairs, norm, 1.0), 0.0).expand(measured.frf.shape)
 
 
