@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from torchplate.cli.config import Config, InputError, SearchConfig, Unknown, quantity, read_config, typed, unknown_key
 from torchplate.discrepancy import OBJECTIVES, Evidence, Objective
 from torchplate.effects import Effect, Parameter, find_effect, options
-from torchplate.measurement import Measurement, NaturalFrequencies, Placement, place, read_measurement
+from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies, Placement, place, read_measurement
 from torchplate.model import PlateModel, Point, Searched, extrapolate
 from torchplate.plate import Mesh
 from torchplate.search import OPTIMIZERS, LeastSquares, Optimizer
@@ -134,6 +134,13 @@ class Run:
         if frfs is None and table is None:
             raise self.error("measurement", "Expected a file or natural_frequencies, got neither. Add one of them.")
         return Evidence(frfs, table, settings.gain == "unknown", settings.n_average)
+
+    def imperfections(self) -> Imperfections:
+        """What the test is not perfect in, as far as the config tells."""
+        settings = self.config.measurement
+        return Imperfections(
+            **{field.name: getattr(settings, field.name) for field in dataclasses.fields(Imperfections)}
+        )
 
     def objective(self, model: PlateModel) -> Objective:
         """The function of theta that the run minimises."""

@@ -76,6 +76,11 @@ class MeasurementConfig(_Strict):
     natural_frequencies: dict[int, Known] | None = None
     response: list[int | tuple[float, float]] | None = None
     reference: list[int | tuple[float, float]] | None = None
+    # What the test is not perfect in; see `measurement.Imperfections`.
+    position_std: float | None = Field(default=None, ge=0)
+    frequency_drift: float | None = Field(default=None, ge=0)
+    calibration_std: float | None = Field(default=None, ge=0)
+    damping_scatter: float | None = Field(default=None, ge=0)
 
     @field_validator("natural_frequencies", mode="before")
     @classmethod

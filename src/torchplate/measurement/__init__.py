@@ -3,6 +3,7 @@
 Map:
     measurement: FRFs by response and reference channel (`Measurement`, `Channel`), and their .npz archive
     natural_frequencies: a table of natural frequencies by mode number
+    imperfections: what a test is not perfect in, and how large that is in a careful one
     read: one way in for every file; the suffix chooses the reader
     uff: universal files: dataset 58 (ASCII, binary) with nodes from 15 or 2411 and units from 164, read
     uff_values: the values of a dataset 58, in each of the format's eight cases
@@ -14,6 +15,7 @@ Map:
 """
 
 from torchplate.measurement.analyser import ANALYSERS, Analyser
+from torchplate.measurement.imperfections import CAREFUL, PERFECT, Imperfections
 from torchplate.measurement.measurement import KINDS, SI_UNIT, Channel, Kind, Measurement, MeasurementError
 from torchplate.measurement.modal_test import Hammer, hammer_test
 from torchplate.measurement.natural_frequencies import NaturalFrequencies
@@ -25,11 +27,14 @@ from torchplate.measurement.uff_writer import write_uff
 
 __all__ = [
     "ANALYSERS",
+    "CAREFUL",
     "KINDS",
+    "PERFECT",
     "SI_UNIT",
     "Analyser",
     "Channel",
     "Hammer",
+    "Imperfections",
     "Kind",
     "Match",
     "Measurement",
