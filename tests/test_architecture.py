@@ -22,6 +22,8 @@ ONLY = {"yaml": "cli/config.py", "pydantic": "cli/config.py", "tensorboard": "cl
 VAGUE = {"utils", "util", "misc", "helpers", "helper", "common", "core", "base", "manager"}
 FILES = sorted(ROOT.rglob("*.py"))
 ROOMS = sorted(path.parent for path in ROOT.rglob("__init__.py") if path.parent != ROOT)
+# A crowded room has alcoves, which may use what it may.
+WHOLE_ROOMS = [path for path in ROOMS if path.parent == ROOT]
 
 
 def name(path: Path) -> str:
@@ -43,7 +45,7 @@ def imports(path: Path) -> set[str]:
 
 
 def test_every_folder_is_a_room_of_the_house():
-    assert {path.name for path in ROOMS} == set(MAY_USE)
+    assert {path.name for path in WHOLE_ROOMS} == set(MAY_USE)
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if path.parent != ROOT], ids=name)

@@ -22,7 +22,7 @@ from torchplate.cli.diagnosis_figures import AFTER, BEFORE, MEASURED, N_PANEL, f
 from torchplate.cli.diagnosis_report import N_CHANNEL, verdict_sentence, write_diagnosis
 from torchplate.cli.log import log_diagnosis
 from torchplate.diagnosis.assurance import csac_by_line, csf_by_line, fdac, fdac_frequency
-from torchplate.diagnosis.ledger import (
+from torchplate.diagnosis.result import (
     Band,
     ChannelGap,
     Diagnosis,

@@ -9,16 +9,16 @@ import pytest
 import torch
 from torch import Tensor
 
-from torchplate.diagnosis.candidate import Candidate, candidates, channels_of
+from torchplate.diagnosis.candidates.candidate import Candidate, candidates, channels_of
 from torchplate.diagnosis.fit import fit
-from torchplate.diagnosis.look import Look
-from torchplate.diagnosis.naming import Hypothesis
-from torchplate.diagnosis.noise import Noise
-from torchplate.diagnosis.state import State
+from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
+from torchplate.diagnosis.selection.criterion import Hypothesis
+from torchplate.diagnosis.selection.ranking import Ranking
+from torchplate.diagnosis.selection.trace import State
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.diagnosis.workbench import Workbench, with_candidate
 from torchplate.effects import CATALOGUE, Effect
 from torchplate.measurement import Channel, Measurement
+from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
@@ -131,15 +131,15 @@ class Scene:
         noise = Noise(std, true_floor(std, frf), (), torch.zeros_like(std))
         frfs = measured(SMALL_LINES, frf + noise_of(std, 4), SMALL_RESPONSE, SMALL_REFERENCE)
         target = FrfTarget(frfs, noise, torch.zeros(2, 3, dtype=torch.bool))
-        self.bench = Workbench(small_plate(BOX), target, as_given=True)
-        model = self.bench.given
-        self.look = Look(self.bench, {}, channels_of(model), lambda _: None)
+        self.builder = ModelBuilder(small_plate(BOX), target, as_given=True)
+        model = self.builder.given
+        self.look = Ranking(self.builder, {}, channels_of(model), lambda _: None)
         theta = torch.tensor([young or 2.05e11, 1e-2], dtype=torch.float64)
         if young is None:
-            self.fit = fit(self.bench, model, model.space.to_cube(theta)[None], wide=False)
+            self.fit = fit(self.builder, model, model.space.to_cube(theta)[None], wide=False)
         else:
-            found = fit(self.bench, model, model.space.to_cube(theta)[None], wide=False)
-            self.fit = found._replace(theta=theta, prediction=self.bench.predict(model, theta))
+            found = fit(self.builder, model, model.space.to_cube(theta)[None], wide=False)
+            self.fit = found._replace(theta=theta, prediction=self.builder.predict(model, theta))
         self.state = State(model, self.fit)
 
     def candidate(self, name: str) -> Candidate:
@@ -153,7 +153,7 @@ class Scene:
         candidate = self.candidate(name)
         whole = with_candidate(model, f"{name}_1", candidate)
         place = torch.zeros(1, len(whole.names), dtype=torch.float64) + torch.as_tensor(start, dtype=torch.float64)
-        return Hypothesis(candidate, f"{name}_1", fit(self.bench, whole, place, wide=False))
+        return Hypothesis(candidate, f"{name}_1", fit(self.builder, whole, place, wide=False))
 
 
 @pytest.fixture(scope="session")

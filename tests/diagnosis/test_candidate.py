@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from torchplate.diagnosis.candidate import Channels, candidates, vector
-from torchplate.diagnosis.workbench import with_candidate
+from torchplate.diagnosis.candidates.candidate import Channels, candidates, vector
+from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.effects.parameter import Prior, nonnegative
 from torchplate.model import PlateModel, Searched

@@ -4,10 +4,10 @@ import pytest
 import torch
 
 from torchplate.diagnosis.fit import N_TOGETHER, Problem, fit
-from torchplate.diagnosis.noise import Noise
+from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.diagnosis.workbench import Workbench
 from torchplate.effects import CATALOGUE
+from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
@@ -51,10 +51,10 @@ def measured(lab, frf, seed) -> FrfTarget:
 
 
 @pytest.fixture(scope="module")
-def bench(lab, plate, truth) -> Workbench:
+def builder(lab, plate, truth) -> ModelBuilder:
     """The mesh of the data is that of the model: what is left is noise alone."""
     with torch.no_grad():
-        return Workbench(plate, measured(lab, plate.frf(truth, LINES), 0), as_given=True)
+        return ModelBuilder(plate, measured(lab, plate.frf(truth, LINES), 0), as_given=True)
 
 
 # Moduli from far below and far above, whose peaks overlap with none of the true ones.
@@ -62,9 +62,9 @@ FAR = ([[0.03, 0.5, 0.5]], [[0.97, 0.05, 0.1]], [[0.05, 0.95, 0.95], [0.9, 0.8, 
 
 
 @pytest.fixture(scope="module")
-def found(bench):
+def found(builder):
     """From far away, also where the first of two starts leads nowhere."""
-    return [fit(bench, bench.given, torch.tensor(starts, dtype=torch.float64)) for starts in FAR]
+    return [fit(builder, builder.given, torch.tensor(starts, dtype=torch.float64)) for starts in FAR]
 
 
 def test_the_truth_is_found_from_far_starts(found, plate, truth):
@@ -94,11 +94,11 @@ def test_noise_scatters_the_parameters_as_the_covariance_says(lab, plate, truth,
     with torch.no_grad():
         frf = plate.frf(truth, LINES)
         start = plate.space.to_cube(truth)[None]
-        bench = Workbench(plate, measured(lab, frf, 1), as_given=True)
+        builder = ModelBuilder(plate, measured(lab, frf, 1), as_given=True)
         ends = []
         for seed in range(20):
-            bench.target = measured(lab, frf, 100 + seed)
-            ends.append(fit(bench, bench.given, start, wide=False).theta)
+            builder.target = measured(lab, frf, 100 + seed)
+            ends.append(fit(builder, builder.given, start, wide=False).theta)
     scatter = torch.stack(ends)
     std = found[0].covariance.diagonal().sqrt()
     # The standard deviation of 20 draws is good to 16 %.
@@ -110,7 +110,7 @@ def test_noise_scatters_the_parameters_as_the_covariance_says(lab, plate, truth,
     assert torch.allclose(told, claimed, atol=0.6)
 
 
-def test_what_is_known_beforehand_pulls_as_it_weighs(bench, plate, truth, found):
+def test_what_is_known_beforehand_pulls_as_it_weighs(builder, plate, truth, found):
     name = "plate.youngs_modulus"
     index = plate.names.index(name)
     free = found[0]
@@ -119,7 +119,7 @@ def test_what_is_known_beforehand_pulls_as_it_weighs(bench, plate, truth, found)
     for weight in (0.02, 1.0, 50.0):
         # The other way by six standard errors, known `weight` times as well.
         mean, std = float(free.theta[index]) + 6 * own, own / weight
-        pulled = fit(bench, bench.given, plate.space.to_cube(free.theta)[None], {name: (mean, std)}, wide=False)
+        pulled = fit(builder, builder.given, plate.space.to_cube(free.theta)[None], {name: (mean, std)}, wide=False)
         ends[weight] = (float(pulled.theta[index]) - float(free.theta[index])) / own
         assert pulled.prior == pytest.approx(((float(pulled.theta[index]) - mean) / std) ** 2, rel=1e-6, abs=1e-6)
         assert pulled.cost == pytest.approx(float(pulled.misfit.fitted + pulled.misfit.heldout) + pulled.prior)
@@ -132,34 +132,34 @@ def test_what_is_known_beforehand_pulls_as_it_weighs(bench, plate, truth, found)
 def test_without_parameters_there_is_nothing_to_fit(lab, plate, truth):
     model = PlateModel(plate.mesh, plate.effects, KNOWN | TRUTH, {}, plate.response, plate.reference, plate.kind)
     with torch.no_grad():
-        bench = Workbench(model, measured(lab, plate.frf(truth, LINES), 3), as_given=True)
-        seen = fit(bench, bench.given, torch.zeros(1, 0, dtype=torch.float64))
+        builder = ModelBuilder(model, measured(lab, plate.frf(truth, LINES), 3), as_given=True)
+        seen = fit(builder, builder.given, torch.zeros(1, 0, dtype=torch.float64))
     assert seen.theta.shape == (0,)
     assert seen.covariance.shape == (0, 0)
     assert seen.reduced_misfit == pytest.approx(1.0, abs=0.12)
 
 
-def test_a_hopeless_fit_ends_with_its_first_basis(bench, plate, monkeypatch):
+def test_a_hopeless_fit_ends_with_its_first_basis(builder, plate, monkeypatch):
     bases = []
-    reduced = bench.reduced
-    monkeypatch.setattr(bench, "reduced", lambda *arguments: bases.append(1) or reduced(*arguments))
+    reduced = builder.reduced
+    monkeypatch.setattr(builder, "reduced", lambda *arguments: bases.append(1) or reduced(*arguments))
     start = torch.tensor([[0.3, 0.5, 0.5]], dtype=torch.float64)
-    whole = fit(bench, bench.given, start, wide=False)
+    whole = fit(builder, builder.given, start, wide=False)
     n_whole = len(bases)
     assert n_whole > 1
     bases.clear()
-    given_up = fit(bench, bench.given, start, wide=False, hopeless=0.0)
+    given_up = fit(builder, builder.given, start, wide=False, hopeless=0.0)
     assert len(bases) == 1
     assert float(given_up.misfit.fitted) >= 0.99 * float(whole.misfit.fitted)
     # One that may still be of use goes to its end.
     bases.clear()
-    assert torch.equal(fit(bench, bench.given, start, wide=False, hopeless=1e12).theta, whole.theta)
+    assert torch.equal(fit(builder, builder.given, start, wide=False, hopeless=1e12).theta, whole.theta)
     assert len(bases) == n_whole
 
 
 @torch.no_grad()
-def test_of_several_starts_the_best_goes_to_the_end_alone(bench, plate, truth, monkeypatch):
-    problem, near = Problem(bench, bench.given, {}), plate.space.to_cube(truth)
+def test_of_several_starts_the_best_goes_to_the_end_alone(builder, plate, truth, monkeypatch):
+    problem, near = Problem(builder, builder.given, {}), plate.space.to_cube(truth)
     starts = torch.stack([torch.tensor([0.05, 0.9, 0.9], dtype=torch.float64), near + 0.03, near - 0.15])
     asked = []
     descend = Problem.descend
@@ -172,7 +172,7 @@ def test_of_several_starts_the_best_goes_to_the_end_alone(bench, plate, truth, m
     (place,), (value,), (jacobian,) = problem.descend_sharply(starts)
     assert asked[0] == (3, N_TOGETHER)
     assert [count for count, _ in asked] == [3, 1]
-    (alone,), (least,), _ = problem.descend(starts[1:2], bench.target.levels - 1, 12)
+    (alone,), (least,), _ = problem.descend(starts[1:2], builder.target.levels - 1, 12)
     assert float(value) == pytest.approx(float(least), rel=1e-3)
     assert torch.allclose(place, alone, atol=2e-3)
     assert jacobian.shape[-1] == 3
@@ -181,21 +181,21 @@ def test_of_several_starts_the_best_goes_to_the_end_alone(bench, plate, truth, m
 @torch.no_grad()
 def test_a_hopeless_fit_borrows_the_mesh_correction_and_another_gets_its_own(lab, plate, truth, monkeypatch):
     true = plate.frf(truth, LINES)
-    bench = Workbench(plate, measured(lab, true, 0))
-    near = bench.corrected(bench.given, truth).model
+    builder = ModelBuilder(plate, measured(lab, true, 0))
+    near = builder.corrected(builder.given, truth).model
     asked = []
-    corrected = bench.corrected
-    monkeypatch.setattr(bench, "corrected", lambda *given: asked.append(1) or corrected(*given))
+    corrected = builder.corrected
+    monkeypatch.setattr(builder, "corrected", lambda *given: asked.append(1) or corrected(*given))
     start = torch.tensor([[0.55, 0.5, 0.5]], dtype=torch.float64)
-    given_up = fit(bench, bench.given, start, wide=False, hopeless=0.0, near=near)
+    given_up = fit(builder, builder.given, start, wide=False, hopeless=0.0, near=near)
     assert not asked
     assert given_up.model.assembly is near.assembly
-    own = fit(bench, bench.given, start, wide=False, near=near)
+    own = fit(builder, builder.given, start, wide=False, near=near)
     assert len(asked) == 1
     assert own.model.assembly is not near.assembly
-    alone = fit(bench, bench.given, start, wide=False)
+    alone = fit(builder, builder.given, start, wide=False)
     assert torch.allclose(own.theta, alone.theta, rtol=1e-3)
     # What is borrowed is worth having: without any correction the frequencies are off.
     assert float(given_up.misfit.fitted) == pytest.approx(float(own.misfit.fitted), rel=0.05)
-    with pytest.raises(ValueError, match="Take one of this bench"):
-        bench.corrected_as(bench.given, plate)
+    with pytest.raises(ValueError, match="Take one of this builder"):
+        builder.corrected_as(builder.given, plate)

@@ -4,9 +4,9 @@ import pytest
 import torch
 
 from torchplate.diagnosis import diagnose
-from torchplate.diagnosis.candidate import candidates, channels_of
-from torchplate.diagnosis.held_edges import PREFIX, held_again, held_edges, on_springs, standing_for
-from torchplate.diagnosis.screen import _moved
+from torchplate.diagnosis.candidates.candidate import candidates, channels_of
+from torchplate.diagnosis.candidates.held_edges import PREFIX, held_again, held_edges, on_springs, standing_for
+from torchplate.diagnosis.selection.screen import _moved
 from torchplate.effects import CATALOGUE
 from torchplate.model import PlateModel, Searched
 from torchplate.model.extrapolation import extrapolate
@@ -94,7 +94,7 @@ def measured_accelerances(lab, truth, seed):
     return lab.measured(line, exact + lab.noise_of(lab.true_std(exact, 0.005, "mixed"), seed), RESPONSE, REFERENCE)
 
 
-def believed():
+def by_noise():
     """The model that believes in a rigid clamp, E and the loss searched."""
     interval = {"plate.youngs_modulus": Searched(5e10, 9e10), "loss.stiffness_loss_factor": Searched(1e-4, 5e-2, True)}
     return plate(CLAMPED, searched=interval, response=RESPONSE, reference=REFERENCE)
@@ -103,7 +103,7 @@ def believed():
 def test_a_clamp_that_turns_is_named(lab):
     clamp = {"clamp": CATALOGUE["edge_spring"](edge="x0")}
     values = {"clamp.stiffness": 1e4 * RIGIDITY / SIDES[0] ** 3, "clamp.rotational_stiffness": SOFT}
-    found = diagnose(believed(), measured_accelerances(lab, plate({}, clamp, values, refine=2), 3))
+    found = diagnose(by_noise(), measured_accelerances(lab, plate({}, clamp, values, refine=2), 3))
     (named,) = [one for one in found.effects if one.name != "mesh_discretisation"]
     assert (found.verdict, named.name, named.options["edge"]) == ("explained", "edge_spring", "x0")
     assert named.parameters["rotational_stiffness"].value == pytest.approx(SOFT, rel=0.05)
@@ -113,7 +113,7 @@ def test_a_clamp_that_turns_is_named(lab):
 
 
 def test_a_clamp_that_does_not_is_held_in_the_end(lab):
-    found = diagnose(believed(), measured_accelerances(lab, plate(CLAMPED, refine=2), 4))
+    found = diagnose(by_noise(), measured_accelerances(lab, plate(CLAMPED, refine=2), 4))
     assert found.verdict == "consistent"
     assert held_edges(found.model) == CLAMPED
     assert found.parameters["plate.youngs_modulus"].value == pytest.approx(NUMBERS["youngs_modulus"], rel=3e-3)

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from torchplate.diagnosis.localise import channel_gaps, localise, missing_force
-from torchplate.diagnosis.noise import noise_level
 from torchplate.effects import CATALOGUE
+from torchplate.measurement.noise import noise_level
 
 PLACE = {"x": 0.27, "y": 0.68}
 RESPONSE = (3, 17)

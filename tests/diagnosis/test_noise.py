@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
-from torchplate.diagnosis.noise import _Fit, noise_level
 from torchplate.effects import CATALOGUE
+from torchplate.measurement.noise import _Fit, noise_level
 
 HIDDEN = {
     "oblong": {},

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.null import drawn, falls, once_in_a_hundred
-from torchplate.diagnosis.screen import screen
+from torchplate.diagnosis.selection.null import drawn, falls, once_in_a_hundred
+from torchplate.diagnosis.selection.screen import screen
 
 
 def random(*shape: int, seed: int = 3) -> torch.Tensor:
@@ -40,7 +40,7 @@ def test_what_says_nothing_takes_nothing():
 @torch.no_grad()
 def test_noise_alone_leaves_what_the_likelihood_says(lab):
     scene = lab.Scene()
-    found = drawn(scene.bench.target, scene.fit.prediction, n_told=2)
+    found = drawn(scene.builder.target, scene.fit.prediction, n_told=2)
     assert found.shape == (200, 2 * 6 * 100 + 2)
     assert float(found.square().mean()) == pytest.approx(1.0, abs=0.01)
     # Lines are independent of each other.
@@ -50,8 +50,8 @@ def test_noise_alone_leaves_what_the_likelihood_says(lab):
 @torch.no_grad()
 def test_a_mode_that_the_mesh_moves_looks_more_like_an_effect_than_noise_does(lab):
     scene = lab.Scene(hidden={"gain": 1.0})
-    target, state = scene.bench.target, scene.state
-    base = scene.bench.reduced(state.fit.model, state.fit.theta[None], by_element=True)
+    target, state = scene.builder.target, scene.state
+    base = scene.builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
     every = [scene.candidate(name) for name in ("point_mass", "orthotropy", "sensor_gain")]
     limits = []
     for shift in (0.0, 1e-3):
@@ -60,7 +60,7 @@ def test_a_mode_that_the_mesh_moves_looks_more_like_an_effect_than_noise_does(la
         draws = drawn(target, state.fit.prediction)
         # Each line is off by no more than its variance says.
         assert float(draws.square().mean()) < 1.1
-        scored = screen(scene.bench, base, state.fit.theta, every, {}, near=True, draws=draws)
+        scored = screen(scene.builder, base, state.fit.theta, every, {}, near=True, draws=draws)
         limits.append(once_in_a_hundred(torch.stack([one.by_chance for one in scored])))
     assert 9 < limits[0] < 25
     assert limits[1] > 2 * limits[0]

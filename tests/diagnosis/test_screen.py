@@ -3,13 +3,13 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.candidate import Channels, candidates
+from torchplate.diagnosis.candidates.candidate import Channels, candidates
 from torchplate.diagnosis.fit import Problem, fit
-from torchplate.diagnosis.noise import Noise
-from torchplate.diagnosis.screen import screen, twins
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.selection.screen import screen, twins
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.diagnosis.workbench import Workbench
 from torchplate.effects import CATALOGUE
+from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
@@ -57,7 +57,7 @@ def scored(lab, hidden, near, searched=("plate.youngs_modulus", "loss.stiffness_
         frf = plate(hidden=hidden).frf(lab.nobody, LINES)
         std = lab.true_std(frf, 0.005, "mixed")
         measured = lab.measured(LINES, frf + lab.noise_of(std, 8), RESPONSE, REFERENCE)
-        bench = Workbench(
+        builder = ModelBuilder(
             model,
             FrfTarget(
                 measured,
@@ -67,10 +67,10 @@ def scored(lab, hidden, near, searched=("plate.youngs_modulus", "loss.stiffness_
             as_given=True,
         )
         begin = torch.tensor([KNOWN[name] for name in model.names], dtype=torch.float64)
-        found = fit(bench, bench.given, model.space.to_cube(begin)[None], wide=False)
-        base = bench.reduced(found.model, found.theta[None], by_element=True)
+        found = fit(builder, builder.given, model.space.to_cube(begin)[None], wide=False)
+        base = builder.reduced(found.model, found.theta[None], by_element=True)
         everyone = candidates(base, found.theta, Channels(RESPONSE, REFERENCE))
-        return screen(bench, base, found.theta, everyone, {}, near=near)
+        return screen(builder, base, found.theta, everyone, {}, near=near)
 
 
 @pytest.fixture(scope="module")
@@ -145,13 +145,13 @@ def test_what_no_refit_could_part_is_parallel(lab):
 @torch.no_grad()
 def test_what_sits_on_the_edge_of_its_interval_cannot_do_what_an_effect_would(lab, young, free):
     scene = lab.Scene(young)
-    base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
-    (density,) = screen(scene.bench, base, scene.fit.theta, [scene.candidate("density")], {}, near=True)
-    problem = Problem(scene.bench, base, {})
+    base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    (density,) = screen(scene.builder, base, scene.fit.theta, [scene.candidate("density")], {}, near=True)
+    problem = Problem(scene.builder, base, {})
     position = base.space.to_cube(scene.fit.theta)
     step = torch.zeros_like(position)
     step[base.names.index("plate.youngs_modulus")] = -1e-5
-    level = scene.bench.target.levels - 1
+    level = scene.builder.target.levels - 1
     tangent = problem.residual(position + step, level) - problem.residual(position, level)
     along = abs(float(density.signature @ tangent) / float(tangent.norm()))
     # A heavier plate is a softer one, but for its level.
@@ -169,16 +169,16 @@ def test_exchanged_channels_score_what_solving_again_would_give(lab, near, monke
         noise = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std))
         nothing = torch.zeros(2, 3, dtype=torch.bool)
         for gain_is_unknown in (False, True):
-            bench = Workbench(model, FrfTarget(measured, noise, nothing, gain_is_unknown), as_given=True)
+            builder = ModelBuilder(model, FrfTarget(measured, noise, nothing, gain_is_unknown), as_given=True)
             theta = torch.tensor([2.02e11, 9e-3], dtype=torch.float64)
-            base = bench.reduced(bench.given, theta[None])
+            base = builder.reduced(builder.given, theta[None])
             every = candidates(base, theta, Channels(RESPONSE, REFERENCE))
             every = [one for one in every if one.name in ("channel_swap", "channel_polarity")]
             assert len(every) > 5
-            found = {str(one.candidate.options): one for one in screen(bench, base, theta, every, {}, near)}
+            found = {str(one.candidate.options): one for one in screen(builder, base, theta, every, {}, near)}
             with monkeypatch.context() as patched:
                 patched.setattr(FrfTarget, "rearranged", lambda *_: None)
-                solved = {str(one.candidate.options): one for one in screen(bench, base, theta, every, {}, near)}
+                solved = {str(one.candidate.options): one for one in screen(builder, base, theta, every, {}, near)}
             assert found.keys() == solved.keys()
             for key, one in found.items():
                 assert one.drop == pytest.approx(solved[key].drop, rel=1e-6, abs=1e-9)

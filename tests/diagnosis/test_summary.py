@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from torchplate.diagnosis.candidate import Candidate
+from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
-from torchplate.diagnosis.naming import Choice, Hypothesis
-from torchplate.diagnosis.noise import noise_level
-from torchplate.diagnosis.state import Looked, Naming, State, Travelled
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
+from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
 from torchplate.diagnosis.summary import (
     _chance,
     _missing,
@@ -19,8 +19,8 @@ from torchplate.diagnosis.summary import (
     _verdict,
 )
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.diagnosis.workbench import Workbench
 from torchplate.effects import CATALOGUE
+from torchplate.measurement.noise import noise_level
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
@@ -46,7 +46,7 @@ class Ended:
         measured = lab.measured(LINES, frf + lab.noise_of(std, 4), (3, 17), (7, 9))
         self.noise = noise_level(measured)
         target = FrfTarget(measured, self.noise, torch.zeros(2, 2, dtype=torch.bool))
-        self.bench = Workbench(model, target, as_given=True)
+        self.builder = ModelBuilder(model, target, as_given=True)
         prediction = frf * (1 + off)
         fit = Fit(
             model,
@@ -68,8 +68,8 @@ class Ended:
 )
 def test_the_verdict_follows_from_what_is_left(lab, off, n_named, expected):
     ended = Ended(lab, off, n_named=n_named)
-    assert _verdict(ended.bench, ended.state) == expected
-    said = _missing(ended.bench, ended.noise, ended.state, expected)
+    assert _verdict(ended.builder, ended.state) == expected
+    said = _missing(ended.builder, ended.noise, ended.state, expected)
     if off:
         # The gap, and how many times the noise that is.
         assert "20" in said[0]
@@ -110,10 +110,10 @@ def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):
     assert _chance(replace(naming, by_chance=0.0)) == ""
     best = naming.hypothesis
     for by_chance, n_sentences in ((123.4, 1), (0.0, 0)):
-        look = Looked((), (best,), by_chance)
-        seen = Travelled(after.bench, after.noise, best.fit, before.state, before.state, (look,), {})
+        look = Ranked((), (best,), by_chance)
+        seen = Trace(after.builder, after.noise, best.fit, before.state, before.state, (look,), {})
         said = _nothing_but_chance(seen)
         assert len(said) == n_sentences
         assert all("density, would take" in one and "takes 123 once" in one for one in said)
-    named = Travelled(after.bench, after.noise, best.fit, before.state, after.state, (look,), {})
+    named = Trace(after.builder, after.noise, best.fit, before.state, after.state, (look,), {})
     assert _nothing_but_chance(named) == ()

@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
-from torchplate.diagnosis.supports import supports_at, tighter_at
-from torchplate.diagnosis.workbench import with_candidate
+from torchplate.diagnosis.candidates.supports import supports_at, tighter_at
+from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.effects import CATALOGUE
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
@@ -78,11 +78,11 @@ def test_a_spring_where_a_support_is_is_that_support_tighter(searched, wires, no
     assert torch.allclose(whole.frf(at, LINES), beside.frf(theta, LINES), rtol=1e-6)
 
 
-def test_that_a_spring_ends_at_a_support_is_a_surprise():
-    _, surprise = tighter_at(plate(), NOBODY, 0.25, 0.0, 700.0)
+def test_that_a_spring_ends_at_a_support_is_a_coincidence():
+    _, coincidence = tighter_at(plate(), NOBODY, 0.25, 0.0, 700.0)
     # A place anywhere on the plate is within 0.012 of one of three supports once in 737 times.
-    assert surprise == pytest.approx(2 * math.log(1 / (3 * math.pi * 0.012**2)))
-    assert 13 < surprise < 14
+    assert coincidence == pytest.approx(2 * math.log(1 / (3 * math.pi * 0.012**2)))
+    assert 13 < coincidence < 14
 
 
 def test_a_spring_beside_the_supports_is_none_of_them():

@@ -4,12 +4,12 @@ import pytest
 import torch
 
 from torchplate.diagnosis import target as module
-from torchplate.diagnosis.noise import Noise
 from torchplate.diagnosis.target import FrequencyTarget, FrfTarget
 from torchplate.discrepancy.measure import Measured
 from torchplate.discrepancy.norms import relative_frf_norm
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import NaturalFrequencies
+from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
@@ -134,7 +134,7 @@ def test_what_is_left_of_the_mesh_error_stands_beside_the_noise_at_the_peaks(lab
     for j, k in ((0, 0), (1, 1)):
         order = steep[:, j, k].argsort()
         assert float(ratio[order[-10:], j, k].median()) > 30 * float(ratio[order[:60], j, k].median())
-    # A mode that has moved by this much is then no surprise, nor is one that has moved by less.
+    # A mode that has moved by this much is then no coincidence, nor is one that has moved by less.
     for part in (1.002, 1.004):
         moved = here.misfit(predicted(plate, part)[0])
         assert float(moved.fitted) < 3 * moved.n_fitted

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from torchplate.diagnosis.fit import Problem, fit
-from torchplate.diagnosis.noise import Noise
+from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.tolerance import with_tolerances
-from torchplate.diagnosis.workbench import Workbench
 from torchplate.effects import CATALOGUE
+from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
@@ -41,7 +41,7 @@ def plate(searched=None, sides=SIDES, **known) -> PlateModel:
     return PlateModel(Mesh(*sides, 4, 3), effects, numbers, searched, *channels, "accelerance")
 
 
-def bench_of(lab, held, true: PlateModel) -> Workbench:
+def bench_of(lab, held, true: PlateModel) -> ModelBuilder:
     frf = true.frf(lab.nobody, LINES)
     std = lab.true_std(frf, 0.01, "mixed")
     measured = lab.measured(LINES, frf + lab.noise_of(std, 2), RESPONSE, REFERENCE)
@@ -49,7 +49,7 @@ def bench_of(lab, held, true: PlateModel) -> Workbench:
         measured, Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std)), torch.zeros(2, 3, dtype=torch.bool)
     )
     # Model and data on one mesh: nothing but the tolerances is at stake here.
-    return Workbench(held.model, target, as_given=True)
+    return ModelBuilder(held.model, target, as_given=True)
 
 
 def test_what_is_not_uncertain_stays():
@@ -69,7 +69,7 @@ def test_a_number_moves_within_a_few_of_its_deviations(name):
     low, high = float(held.model.space.low), float(held.model.space.high)
     assert 3 * std < KNOWN[name] - low < 10 * std
     assert high - KNOWN[name] == pytest.approx(KNOWN[name] - low)
-    # Where it is believed to be, nothing has changed.
+    # Where it is by_noise to be, nothing has changed.
     theta = torch.tensor([KNOWN[name]], dtype=torch.float64)
     assert torch.allclose(held.model.frf(theta, LINES), plate().frf(theta[:0], LINES), rtol=1e-10)
 
@@ -112,9 +112,9 @@ def test_an_unknown_name_is_said():
 
 def test_leaving_the_number_costs_the_square_of_its_deviations(lab):
     held = with_tolerances(plate(), {"plate.density": 20.0, "plate.thickness": 1e-5})
-    bench = bench_of(lab, held, plate())
+    builder = bench_of(lab, held, plate())
     problem = Problem(
-        bench, bench.reduced(bench.given, bench.given.space.to_si(torch.full((1, 2), 0.5).double())), held.prior
+        builder, builder.reduced(builder.given, builder.given.space.to_si(torch.full((1, 2), 0.5).double())), held.prior
     )
     names = held.model.names
     theta = torch.tensor([KNOWN[name] for name in names], dtype=torch.float64)
@@ -122,11 +122,11 @@ def test_leaving_the_number_costs_the_square_of_its_deviations(lab):
     theta[names.index("plate.thickness")] -= 0.5e-5
     told = dict(zip(held.prior, problem.told(theta).tolist(), strict=True))
     assert told == {"plate.density": pytest.approx(3.0), "plate.thickness": pytest.approx(-0.5)}
-    sharp = bench.target.levels - 1
+    sharp = builder.target.levels - 1
     position = problem.model.space.to_cube(theta)
     # Only the sharp level is weighed by the noise, and only there do the two compare.
     assert len(problem.residual(position, sharp)) == 2 * 6 * len(LINES) + 2
-    alone = Problem(bench, problem.model, {})
+    alone = Problem(builder, problem.model, {})
     assert len(problem.residual(position, 0)) == len(alone.residual(position, 0))
     difference = problem.residual(position, sharp).square().sum() - alone.residual(position, sharp).square().sum()
     assert float(difference) == pytest.approx(9.25)
@@ -137,9 +137,9 @@ def test_what_a_ruler_says_is_not_given_up_for_the_sake_of_a_fit(lab, longer):
     """A plate that is 2 % longer than the ruler said 0.5 mm about is not fitted by making it longer."""
     true = plate(sides=(longer * SIDES[0], SIDES[1]))
     held = with_tolerances(plate({"plate.youngs_modulus": Searched(1.8e11, 2.3e11)}), RULER)
-    bench = bench_of(lab, held, true)
+    builder = bench_of(lab, held, true)
     start = torch.full((1, len(held.model.names)), 0.5, dtype=torch.float64)
-    found = fit(bench, bench.given, start, held.prior)
+    found = fit(builder, builder.given, start, held.prior)
     value = dict(zip(found.model.names, found.theta.tolist(), strict=True))
     spread = held.prior["sides.ratio"][1]
     assert abs(value["sides.ratio"] - 1) < 5.01 * spread < 0.011
@@ -159,13 +159,13 @@ def test_along_a_valley_of_the_data_what_is_known_decides(lab):
     """E h³ and ρ h are all that a plate shows: a density 3 standard deviations off fits as well as the true one."""
     box = {"plate.youngs_modulus": Searched(1.5e11, 3e11), "plate.thickness": Searched(0.0026, 0.0034)}
     held = with_tolerances(plate(box), {"plate.density": 200.0})
-    bench = bench_of(lab, held, plate())
+    builder = bench_of(lab, held, plate())
     density = 7250.0
     thickness = 0.003 * 7850.0 / density
     values = {"plate.density": density, "plate.thickness": thickness}
     values["plate.youngs_modulus"] = 2.05e11 * (0.003 / thickness) ** 3
     theta = torch.tensor([values[name] for name in held.model.names], dtype=torch.float64)
-    found = fit(bench, bench.given, held.model.space.to_cube(theta)[None], held.prior, wide=False)
+    found = fit(builder, builder.given, held.model.space.to_cube(theta)[None], held.prior, wide=False)
     ended = dict(zip(found.model.names, found.theta.tolist(), strict=True))
     assert ended["plate.density"] == pytest.approx(7850.0, abs=10.0)
     assert ended["plate.thickness"] == pytest.approx(0.003, rel=3e-3)

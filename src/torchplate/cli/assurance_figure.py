@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from torchplate.cli.diagnosis_style import FOUND, INDEX, INK, MUTED, Curve, curves, dress
 from torchplate.diagnosis.assurance import csac_by_line, csf_by_line, fdac, fdac_frequency
-from torchplate.diagnosis.ledger import Overlay
+from torchplate.diagnosis.result import Overlay
 from torchplate.measurement import Measurement
 
 # Steps of a twentieth: a PNG of few colours has some left for the lines.

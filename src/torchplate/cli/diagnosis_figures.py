@@ -34,7 +34,7 @@ from torchplate.cli.diagnosis_style import (
     curves,
     dress,
 )
-from torchplate.diagnosis.ledger import ChannelGap, Diagnosis, Estimate, Named, Overlay, Step
+from torchplate.diagnosis.result import ChannelGap, Diagnosis, Estimate, Named, Overlay, Step
 from torchplate.effects import SupportSpring
 
 DPI = 150

@@ -13,7 +13,7 @@ from typing import Any
 from torchplate.cli.assurance_figure import caption
 from torchplate.cli.diagnosis_figures import DPI, figure_digits, figures, place_found, png
 from torchplate.diagnosis.assurance import frac_by_channel
-from torchplate.diagnosis.ledger import Diagnosis, Estimate, Named, Overlay, Scored
+from torchplate.diagnosis.result import Diagnosis, Estimate, Named, Overlay, Scored
 from torchplate.effects import CATALOGUE
 
 N_CHANNEL = 24

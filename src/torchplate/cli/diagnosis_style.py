@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from torch import Tensor
 
-from torchplate.diagnosis.ledger import Overlay
+from torchplate.diagnosis.result import Overlay
 
 # Okabe and Ito's colours: told apart by every reader, and in print.
 MEASURED, BEFORE, AFTER, FOUND, BAND = "black", "#E69F00", "#0072B2", "#D55E00", "#56B4E9"

@@ -12,7 +12,7 @@ from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
 from torchplate.cli.diagnosis_figures import log_figures, step_tags
-from torchplate.diagnosis.ledger import Diagnosis
+from torchplate.diagnosis.result import Diagnosis
 from torchplate.search import Progress
 
 _DIAGNOSIS = ".diagnosis"

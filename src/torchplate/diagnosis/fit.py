@@ -13,8 +13,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import DOUBTFUL, Misfit, Target
-from torchplate.diagnosis.workbench import Workbench
 from torchplate.model import PlateModel
 from torchplate.search.least_squares import least_squares
 
@@ -42,7 +42,7 @@ class Fit(NamedTuple):
         misfit: sums of squares there, and those of the prior.
         prior: what the tolerances add to the sum of squares.
         gap: over all that was measured.
-        believed: whether residuals were weighed by the noise, and not by what the model as such leaves.
+        by_noise: whether residuals were weighed by the noise, and not by what the model as such leaves.
         n_told: parameters that something is known of beforehand.
     """
 
@@ -54,7 +54,7 @@ class Fit(NamedTuple):
     misfit: Misfit
     prior: float
     gap: float
-    believed: bool = True
+    by_noise: bool = True
     n_told: int = 0
 
     @property
@@ -71,7 +71,7 @@ class Fit(NamedTuple):
         one level of what it leaves that is likeliest, n ln(SSR / n).
         """
         square = float(self.misfit.fitted + self.misfit.heldout)
-        if self.believed:
+        if self.by_noise:
             return square + self.prior
         total = self.misfit.n_fitted + self.misfit.n_heldout
         return total * (1 + math.log(max(square, 1e-300) / total)) + self.prior
@@ -84,13 +84,13 @@ class Problem:
     """Residuals of a model on the unit cube.
 
     Args:
-        bench: what evaluates it.
+        builder: what evaluates it.
         model: whose searched parameters are fitted, in a basis.
         prior: "label.parameter" → mean and standard deviation.
     """
 
-    def __init__(self, bench: Workbench, model: PlateModel, prior: Prior) -> None:
-        self.bench, self.model = bench, model
+    def __init__(self, builder: ModelBuilder, model: PlateModel, prior: Prior) -> None:
+        self.builder, self.model = builder, model
         self._roughly = model.without_coupling()
         known = [(model.names.index(name), *told) for name, told in prior.items() if name in model.names]
         self._index = [index for index, _, _ in known]
@@ -104,7 +104,7 @@ class Problem:
     @property
     def target(self) -> Target:
         """What it is held against."""
-        return self.bench.target
+        return self.builder.target
 
     def residual(self, position: Float[Tensor, "*batch n"], level: int) -> Float[Tensor, "*batch n_residual"]:
         """Deviations at a level; at the sharp one with those from what is known beforehand."""
@@ -114,7 +114,7 @@ class Problem:
     def predict(self, theta: Float[Tensor, "*batch n"], level: int) -> Tensor:
         """What the model says at a level: at the wide ones roughly."""
         sharp = level == self.target.levels - 1
-        return self.bench.predict(self.model if sharp else self._roughly, theta, level)
+        return self.builder.predict(self.model if sharp else self._roughly, theta, level)
 
     def deviations(
         self, prediction: Tensor, theta: Float[Tensor, "*batch n"], level: int
@@ -126,10 +126,10 @@ class Problem:
         """
         sharp = level == self.target.levels - 1
         found = self.target.residual(prediction, level)
-        if not self._index or (not sharp and self.target.believes_the_model):
+        if not self._index or (not sharp and self.target.trusts_the_noise):
             return found
         # Where the level of what is left is not known, it scales what is known beforehand.
-        by_level = 1.0 if self.target.believes_the_model else DOUBTFUL**0.5
+        by_level = 1.0 if self.target.trusts_the_noise else DOUBTFUL**0.5
         weight = by_level if sharp else TOLD_PART * found.shape[-1] ** 0.5
         return torch.cat([found, weight * self.told(theta)], dim=-1)
 
@@ -183,7 +183,7 @@ def one_level(
 
 
 def fit(
-    bench: Workbench,
+    builder: ModelBuilder,
     model: PlateModel,
     start: Float[Tensor, "n_start n"],
     prior: Prior | None = None,
@@ -194,7 +194,7 @@ def fit(
     """Fit a model from several starts.
 
     Args:
-        bench: what builds and evaluates it.
+        builder: what builds and evaluates it.
         model: in all dofs.
         start: positions on the unit cube, the best one first.
         prior: what is known of its parameters beforehand.
@@ -204,20 +204,20 @@ def fit(
     """
     prior = prior or {}
     if not model.names:
-        return _unfitted(bench, model)
+        return _unfitted(builder, model)
     position = start[0]
     value = torch.inf
     for turn in range(N_BASIS):
         theta = model.space.to_si(position)
         borrowed = turn == 0 and near is not None
         if turn == 0 and near is not None:
-            corrected = bench.corrected_as(model, near)
+            corrected = builder.corrected_as(model, near)
         elif turn == (near is not None):
-            corrected = bench.corrected(model, theta)[0]
-        reduced = bench.reduced(corrected, theta[None])
-        problem = Problem(bench, reduced, prior)
+            corrected = builder.corrected(model, theta)[0]
+        reduced = builder.reduced(corrected, theta[None])
+        problem = Problem(builder, reduced, prior)
         starts = start if turn == 0 else position[None]
-        if turn == 0 and wide and bench.target.levels > 1:
+        if turn == 0 and wide and builder.target.levels > 1:
             starts, _ = widely(problem, starts, keep=2)
         places, values, jacobian = problem.descend_sharply(starts)
         best = int(values.argmin())
@@ -229,28 +229,37 @@ def fit(
         if 2 * value > hopeless or (float(moved) < 1e-6 and not borrowed):
             break
     if problem.knows and 2 * value <= hopeless:
-        places, _, jacobian = problem.descend(position[None], bench.target.levels - 1, N_SHARP, FREE)
+        places, _, jacobian = problem.descend(position[None], builder.target.levels - 1, N_SHARP, FREE)
         position, best = places[0], 0
     theta = model.space.to_si(position)
-    prediction = bench.predict(reduced, theta)
-    misfit = bench.target.misfit(prediction)
+    prediction = builder.predict(reduced, theta)
+    misfit = builder.target.misfit(prediction)
     covariance = _covariance(jacobian[best], model, position, max(1.0, 2 * value / max(1.0, misfit.n_fitted)))
     told = problem.told(theta)
-    believed, gap = bench.target.believes_the_model, bench.target.whole_gap(prediction)
+    by_noise, gap = builder.target.trusts_the_noise, builder.target.whole_gap(prediction)
     return Fit(
-        corrected, reduced, theta, covariance, prediction, misfit, float(told.square().sum()), gap, believed, len(told)
+        corrected,
+        reduced,
+        theta,
+        covariance,
+        prediction,
+        misfit,
+        float(told.square().sum()),
+        gap,
+        by_noise,
+        len(told),
     )
 
 
-def _unfitted(bench: Workbench, model: PlateModel) -> Fit:
+def _unfitted(builder: ModelBuilder, model: PlateModel) -> Fit:
     """A model of numbers alone."""
     theta = model.known.new_zeros(0)
-    corrected = bench.corrected(model, theta).model
-    reduced = bench.reduced(corrected, theta[None])
-    prediction = bench.predict(reduced, theta)
-    misfit, believed = bench.target.misfit(prediction), bench.target.believes_the_model
-    gap = bench.target.whole_gap(prediction)
-    return Fit(corrected, reduced, theta, theta.new_zeros(0, 0), prediction, misfit, 0.0, gap, believed)
+    corrected = builder.corrected(model, theta).model
+    reduced = builder.reduced(corrected, theta[None])
+    prediction = builder.predict(reduced, theta)
+    misfit, by_noise = builder.target.misfit(prediction), builder.target.trusts_the_noise
+    gap = builder.target.whole_gap(prediction)
+    return Fit(corrected, reduced, theta, theta.new_zeros(0, 0), prediction, misfit, 0.0, gap, by_noise)
 
 
 def _covariance(jacobian: Tensor, model: PlateModel, position: Tensor, scale: float) -> Tensor:

@@ -21,7 +21,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from torchplate.diagnosis.ledger import Band, ChannelGap, ForceMap, Location
+from torchplate.diagnosis.result import Band, ChannelGap, ForceMap, Location
 from torchplate.effects import ChannelSwap, SensorChain
 from torchplate.measurement import Measurement
 from torchplate.model import PlateModel

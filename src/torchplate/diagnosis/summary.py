@@ -6,15 +6,21 @@ from collections.abc import Mapping, Sequence
 import torch
 
 from torchplate.diagnosis.fit import Fit, Prior
-from torchplate.diagnosis.ledger import Diagnosis, Estimate, Gap, Location, Named, Overlay, Scored, Step, Verdict
 from torchplate.diagnosis.localise import localise
-from torchplate.diagnosis.naming import LEAST_FALL, LEAST_PART, Hypothesis, confidence_in_the_end, is_explained
+from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.next_measurement import next_measurements
-from torchplate.diagnosis.noise import Noise
-from torchplate.diagnosis.screen import twins
-from torchplate.diagnosis.state import Looked, Naming, State, Travelled
+from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Location, Named, Overlay, Scored, Step, Verdict
+from torchplate.diagnosis.selection.criterion import (
+    LEAST_FALL,
+    LEAST_PART,
+    Hypothesis,
+    confidence_in_the_end,
+    is_explained,
+)
+from torchplate.diagnosis.selection.screen import twins
+from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
 from torchplate.diagnosis.target import FrequencyTarget, FrfTarget
-from torchplate.diagnosis.workbench import Workbench
+from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel
 
 # A number that ends so many standard deviations from what is known of it is remarked.
@@ -23,30 +29,30 @@ BROKEN = 3.0
 N_WORST = 4
 
 
-def summarise(seen: Travelled, seconds: float) -> Diagnosis:
+def summarise(seen: Trace, seconds: float) -> Diagnosis:
     """Everything that is reported.
 
     Args:
         seen: what the road has seen.
         seconds: that it took.
     """
-    bench, noise, baseline, final = seen.bench, seen.noise, seen.baseline, seen.final
-    verdict = _verdict(bench, final)
+    builder, noise, baseline, final = seen.builder, seen.noise, seen.baseline, seen.final
+    verdict = _verdict(builder, final)
     finer = _finer_mesh(seen)
-    effects = tuple(_named(bench, one, final) for one in final.named)
+    effects = tuple(_named(builder, one, final) for one in final.named)
     sets = [(one.name, *one.equivalent) for one in effects]
     unexplained = verdict in ("unexplained", "partly_explained")
-    n_frf = len(bench.target.measurement.pairs) if isinstance(bench.target, FrfTarget) else 0
-    symmetric = bool(effects) and _on_symmetry(bench.given)
+    n_frf = len(builder.target.measurement.pairs) if isinstance(builder.target, FrfTarget) else 0
+    symmetric = bool(effects) and _on_symmetry(builder.given)
     return Diagnosis(
         verdict=verdict,
         # Where nothing of the catalogue accounts for what is missing, a finer mesh is no name for it: it is a remark.
         effects=effects if verdict == "unexplained" else (*finer, *effects),
-        gap=_gap(bench, _first(seen, bool(finer)), final.fit),
-        location=_location(bench, noise, baseline, final),
-        scores=tuple(_table(one, effects, bench) for one in seen.looks),
+        gap=_gap(builder, _first(seen, bool(finer)), final.fit),
+        location=_location(builder, noise, baseline, final),
+        scores=tuple(_table(one, effects, builder) for one in seen.looks),
         steps=_steps(seen, bool(finer)),
-        missing=_missing(bench, noise, final, verdict),
+        missing=_missing(builder, noise, final, verdict),
         remarks=(
             *(one.evidence for one in finer if verdict == "unexplained"),
             *_nothing_but_chance(seen),
@@ -54,24 +60,24 @@ def summarise(seen: Travelled, seconds: float) -> Diagnosis:
         ),
         next_measurements=tuple(next_measurements(sets, unexplained, 0 < n_frf < 3, symmetric)),
         parameters=_estimates(final.fit),
-        model=bench.finished(final.fit.model, final.fit.theta),
-        overlay=_overlay(bench, noise, _first(seen, bool(finer)), final.fit),
-        n_evaluation=bench.n_evaluation,
+        model=builder.finished(final.fit.model, final.fit.theta),
+        overlay=_overlay(builder, noise, _first(seen, bool(finer)), final.fit),
+        n_evaluation=builder.n_evaluation,
         seconds=seconds,
     )
 
 
-def _finer_mesh(seen: Travelled) -> tuple[Named, ...]:
+def _finer_mesh(seen: Trace) -> tuple[Named, ...]:
     """The mesh as a missing effect of its own, where its error shows."""
-    bench, given, baseline = seen.bench, seen.given, seen.baseline.fit
-    if bench.mesh.extrapolate:
+    builder, given, baseline = seen.builder, seen.given, seen.baseline.fit
+    if builder.mesh.extrapolate:
         # It is mended already.
         return ()
     fall = given.cost - baseline.cost
-    if not baseline.believed or fall < LEAST_FALL or fall < LEAST_PART * given.cost:
+    if not baseline.by_noise or fall < LEAST_FALL or fall < LEAST_PART * given.cost:
         return ()
-    before, after = (float(bench.target.gap(one.prediction)) for one in (given, baseline))
-    cells = " × ".join(str(cell) for cell in bench.mesh.cells)
+    before, after = (float(builder.target.gap(one.prediction)) for one in (given, baseline))
+    cells = " × ".join(str(cell) for cell in builder.mesh.cells)
     if after < before:
         shown = f"gap is {_percent(after)} instead of {_percent(before)}"
     else:
@@ -83,17 +89,17 @@ def _finer_mesh(seen: Travelled) -> tuple[Named, ...]:
     return (Named("mesh_discretisation", "mesh_discretisation", options, (), 0.99, {}, text, before, after),)
 
 
-def _verdict(bench: Workbench, final: State) -> Verdict:
-    explained = is_explained(final.fit, bench.target, bool(final.named))
+def _verdict(builder: ModelBuilder, final: State) -> Verdict:
+    explained = is_explained(final.fit, builder.target, bool(final.named))
     if not final.named:
         return "consistent" if explained else "unexplained"
     return "explained" if explained else "partly_explained"
 
 
-def _named(bench: Workbench, naming: Naming, last: State) -> Named:
+def _named(builder: ModelBuilder, naming: Naming, last: State) -> Named:
     final = last.fit
     hypothesis = naming.hypothesis
-    before, after = (float(bench.target.gap(one.prediction)) for one in (naming.before, hypothesis.fit))
+    before, after = (float(builder.target.gap(one.prediction)) for one in (naming.before, hypothesis.fit))
     found = _estimates(final)
     prefix = f"{hypothesis.label}."
     parameters = {name.removeprefix(prefix): one for name, one in found.items() if name.startswith(prefix)}
@@ -101,7 +107,7 @@ def _named(bench: Workbench, naming: Naming, last: State) -> Named:
     rival = naming.known.next_best
     against = ""
     if rival is not None:
-        rest = float(bench.target.gap(rival.fit.prediction))
+        rest = float(builder.target.gap(rival.fit.prediction))
         against = f"; the next best{' in its place' if naming.again else ''}, {rival.name}, leaves {_percent(rest)}"
         against += " beside the other effects" if naming.again else ""
     alike = f"; these data cannot tell it from {' or '.join(equivalent)}" if equivalent else ""
@@ -156,32 +162,32 @@ def _estimates(fit: Fit) -> dict[str, Estimate]:
     return found
 
 
-def _gap(bench: Workbench, before: Fit, after: Fit) -> Gap:
+def _gap(builder: ModelBuilder, before: Fit, after: Fit) -> Gap:
     def one(fit: Fit, heldout: bool) -> float | None:
-        value = float(bench.target.gap(fit.prediction, heldout))
+        value = float(builder.target.gap(fit.prediction, heldout))
         return None if math.isnan(value) else value
 
     return Gap(
-        one(before, False) or 0.0, one(after, False) or 0.0, one(before, True), one(after, True), bench.target.floor
+        one(before, False) or 0.0, one(after, False) or 0.0, one(before, True), one(after, True), builder.target.floor
     )
 
 
-def _first(seen: Travelled, finer: bool) -> Fit:
+def _first(seen: Trace, finer: bool) -> Fit:
     """What the gap begins with."""
     return seen.given if finer else _on_fine_mesh(seen)
 
 
-def _on_fine_mesh(seen: Travelled) -> Fit:
+def _on_fine_mesh(seen: Trace) -> Fit:
     """The baseline without its mesh error; settled, if nothing was added."""
     return seen.baseline.fit if seen.final.named else seen.final.fit
 
 
-def _steps(seen: Travelled, finer: bool) -> tuple[Step, ...]:
-    bench, final = seen.bench, seen.final
+def _steps(seen: Trace, finer: bool) -> tuple[Step, ...]:
+    builder, final = seen.builder, seen.final
 
     def one(label: str, fit: Fit) -> Step:
-        held = float(bench.target.gap(fit.prediction, True))
-        gap = float(bench.target.gap(fit.prediction))
+        held = float(builder.target.gap(fit.prediction, True))
+        gap = float(builder.target.gap(fit.prediction))
         return Step(label, gap, None if math.isnan(held) else held, fit.reduced_misfit)
 
     steps = [one("baseline", _first(seen, finer))]
@@ -194,7 +200,7 @@ def _steps(seen: Travelled, finer: bool) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def _table(look: Looked, effects: Sequence[Named], bench: Workbench) -> tuple[Scored, ...]:
+def _table(look: Ranked, effects: Sequence[Named], builder: ModelBuilder) -> tuple[Scored, ...]:
     """The score table of one look: of each effect the option that promises most."""
     alike = twins(look.promises)
     refits = {one.name: one for one in sorted(look.hypotheses, key=lambda one: -one.cost)}
@@ -206,7 +212,7 @@ def _table(look: Looked, effects: Sequence[Named], bench: Workbench) -> tuple[Sc
         if name in rows:
             continue
         refit = refits.get(name)
-        gap = None if refit is None else float(bench.target.gap(refit.fit.prediction))
+        gap = None if refit is None else float(builder.target.gap(refit.fit.prediction))
         if name in named:
             remark = "named"
         elif name in equivalent:
@@ -219,8 +225,8 @@ def _table(look: Looked, effects: Sequence[Named], bench: Workbench) -> tuple[Sc
     return tuple(rows.values())
 
 
-def _location(bench: Workbench, noise: Noise | None, baseline: State, final: State) -> Location:
-    target = bench.target
+def _location(builder: ModelBuilder, noise: Noise | None, baseline: State, final: State) -> Location:
+    target = builder.target
     if not isinstance(target, FrfTarget) or noise is None:
         return Location((), (), {}, None)
     return localise(
@@ -234,9 +240,9 @@ def _location(bench: Workbench, noise: Noise | None, baseline: State, final: Sta
     )
 
 
-def _missing(bench: Workbench, noise: Noise | None, final: State, verdict: Verdict) -> tuple[str, ...]:
+def _missing(builder: ModelBuilder, noise: Noise | None, final: State, verdict: Verdict) -> tuple[str, ...]:
     """What is left without a name: how big, where, in which band, of which kind."""
-    target = bench.target
+    target = builder.target
     if verdict in ("consistent", "explained"):
         return ()
     if isinstance(target, FrequencyTarget):
@@ -277,7 +283,7 @@ def _remarks(noise: Noise | None, final: State, prior: Prior) -> tuple[str, ...]
     return tuple(sentences)
 
 
-def _nothing_but_chance(seen: Travelled) -> tuple[str, ...]:
+def _nothing_but_chance(seen: Trace) -> tuple[str, ...]:
     """What the best of the catalogue would take where nothing was named, beside what chance takes."""
     if seen.final.named or not seen.looks or seen.looks[0].by_chance <= 0 or not seen.looks[0].hypotheses:
         return ()
@@ -302,8 +308,8 @@ def _still_rigid(final: State) -> set[str]:
     }
 
 
-def _overlay(bench: Workbench, noise: Noise | None, before: Fit, after: Fit) -> Overlay | None:
-    target = bench.target
+def _overlay(builder: ModelBuilder, noise: Noise | None, before: Fit, after: Fit) -> Overlay | None:
+    target = builder.target
     if not isinstance(target, FrfTarget) or noise is None:
         return None
     return Overlay(target.measurement, noise.std, before.prediction, after.prediction, target.heldout)

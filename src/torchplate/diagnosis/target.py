@@ -17,9 +17,9 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from torchplate.diagnosis.noise import Noise
 from torchplate.effects import Effect
 from torchplate.measurement import Measurement, NaturalFrequencies
+from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel
 
 # Half-widths of the kernel, relative to the frequency, from the widest level to the narrowest.
@@ -62,10 +62,10 @@ class Target(ABC):
     levels: int
 
     # Whether residuals are weighed by the noise, and not by what the model as such leaves.
-    believes_the_model: bool = True
+    trusts_the_noise: bool = True
 
     @abstractmethod
-    def doubt_the_model(self, prediction: Tensor, n_mode: int) -> None:
+    def inflate_model_error(self, prediction: Tensor, n_mode: int) -> None:
         """Weigh residuals by what no effect of the catalogue explains, where that is far above the noise.
 
         Args:
@@ -200,7 +200,7 @@ class FrfTarget(Target):
         self.model_variance = 0.5 * moved.square() + self._deflection_variance
         self._around = around
 
-    def doubt_the_model(self, prediction: Tensor, n_mode: int) -> None:
+    def inflate_model_error(self, prediction: Tensor, n_mode: int) -> None:
         """Weigh residuals by what no effect of the catalogue explains, where that is far above the noise.
 
         A real plate is never quite the model. What is left of it then is not independent from line to line: an FRF says
@@ -208,7 +208,7 @@ class FrfTarget(Target):
         model's error is a part of the level around each line.
         """
         assert self._around is not None
-        self.believes_the_model = False
+        self.trusts_the_noise = False
         known = self.model_variance
         low, high = 1e-4, 10.0
         for _ in range(40):
@@ -324,9 +324,9 @@ class FrequencyTarget(Target):
         self._noise = std if table.std is None else torch.where(table.std > 0, table.std, std)
         self.std = self._noise
 
-    def doubt_the_model(self, prediction: Tensor, n_mode: int) -> None:  # noqa: ARG002
+    def inflate_model_error(self, prediction: Tensor, n_mode: int) -> None:  # noqa: ARG002
         """All standard deviations grow alike."""
-        self.believes_the_model = False
+        self.trusts_the_noise = False
         square = self.misfit(prediction)
         self.std = self.std * (float(square.fitted) / square.n_fitted / DOUBTFUL) ** 0.5
 

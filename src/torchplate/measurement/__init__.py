@@ -9,6 +9,7 @@ Map:
     uff_values: the values of a dataset 58, in each of the format's eight cases
     uff_writer: a measurement written as a universal file
     level: kind and unit of the level from a file's own specifiers and labels
+    noise: how noisy each line is, from the measurement alone
     placement: where each channel sits on the plate
     quality: driving points, reciprocity, coherence, noise between lines, peaks, suspicious channels
     analyser, modal_test: the virtual hammer test, which makes a measurement from a model

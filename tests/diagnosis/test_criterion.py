@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import torch
 
-from torchplate.diagnosis.candidate import Candidate
+from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
-from torchplate.diagnosis.naming import (
+from torchplate.diagnosis.selection.criterion import (
     EQUIVALENT,
     EQUIVALENT_PART,
     LEAST_FALL,
@@ -34,7 +34,7 @@ def fitted(
     prior: float = 0.0,
     gap: float | None = None,
     n_fitted: int = N_FITTED,
-    believed: bool = True,
+    by_noise: bool = True,
     n_parameter: int = 0,
 ) -> Fit:
     """A fit that leaves so much, a fifth of it in held-out FRFs unless told otherwise."""
@@ -45,7 +45,7 @@ def fitted(
     misfit = Misfit(parts[0], parts[1], float(n_fitted), n_heldout)
     none = torch.zeros(0, dtype=torch.float64)
     gap = square**0.5 if gap is None else gap
-    return Fit(None, None, theta, torch.zeros(0, 0), none, misfit, prior, gap, believed)  # type: ignore[arg-type]
+    return Fit(None, None, theta, torch.zeros(0, 0), none, misfit, prior, gap, by_noise)  # type: ignore[arg-type]
 
 
 def hypothesis(name: str, square: float, n_parameter: int = 1, **fit: Any) -> Hypothesis:
@@ -191,7 +191,7 @@ def test_an_effect_that_held_out_frfs_do_not_want_is_not_needed():
 
 def test_where_the_model_is_doubted_a_part_of_what_is_left_counts():
     # Twelve independent numbers: 12 ln of what is left.
-    doubted = {"n_fitted": 12, "heldout": 0, "believed": False}
+    doubted = {"n_fitted": 12, "heldout": 0, "by_noise": False}
     before = fitted(144.0, **doubted, gap=0.5, prior=20.0)
     assert not is_needed(before, hypothesis("point_mass", 130.0, 3, **doubted, gap=0.45, prior=20.0))
     # A broken tolerance that is whole again counts as much.
@@ -204,39 +204,39 @@ def test_where_the_model_is_doubted_a_part_of_what_is_left_counts():
 
 def test_few_numbers_bear_few_parameters():
     # Thirteen numbers: the first parameter costs little, the seventh much, and a thirteenth is not to be had.
-    few = {"n_fitted": 13, "heldout": 0, "believed": False}
-    assert hypothesis("density", 30.0, 1, **few).price == pytest.approx(2.364, rel=1e-3)
+    few = {"n_fitted": 13, "heldout": 0, "by_noise": False}
+    assert hypothesis("density", 30.0, 1, **few).penalty == pytest.approx(2.364, rel=1e-3)
     fourth = hypothesis("stiffness_loss", 30.0, 4, n_parameter_before=3, **few)
-    assert fourth.price == pytest.approx(36.4 - 26 / 3, rel=1e-3)
-    assert hypothesis("stiffness_loss", 30.0, 4, n_parameter_before=9, **few).price == math.inf
+    assert fourth.penalty == pytest.approx(36.4 - 26 / 3, rel=1e-3)
+    assert hypothesis("stiffness_loss", 30.0, 4, n_parameter_before=9, **few).penalty == math.inf
     # Of many numbers each costs two.
-    many = {"n_fitted": 100_000, "heldout": 0, "believed": False}
-    assert hypothesis("point_mass", 30.0, 3, n_parameter_before=5, **many).price == pytest.approx(6.0, rel=1e-2)
+    many = {"n_fitted": 100_000, "heldout": 0, "by_noise": False}
+    assert hypothesis("point_mass", 30.0, 3, n_parameter_before=5, **many).penalty == pytest.approx(6.0, rel=1e-2)
 
 
 def test_where_the_model_is_doubted_the_gap_decides_among_those_that_are_as_good():
-    few = {"n_fitted": 40, "heldout": 0, "believed": False}
+    few = {"n_fitted": 40, "heldout": 0, "by_noise": False}
     better, nearer = hypothesis("density", 100.0, gap=0.5, **few), hypothesis("thickness", 110.0, gap=0.2, **few)
     far = hypothesis("time_delay", 400.0, gap=0.1, **few)
     assert choose([better, nearer, far]).best is nearer
-    believed = [replace(one, fit=one.fit._replace(believed=True)) for one in (better, nearer)]
-    assert choose(believed).best is believed[0]
+    by_noise = [replace(one, fit=one.fit._replace(by_noise=True)) for one in (better, nearer)]
+    assert choose(by_noise).best is by_noise[0]
 
 
 def test_what_is_known_beforehand_and_which_edge_is_held_cost_nothing():
-    few = {"n_fitted": 13, "heldout": 0, "believed": False}
+    few = {"n_fitted": 13, "heldout": 0, "by_noise": False}
     free = hypothesis("density", 30.0, 1, n_parameter_before=5, **few)
     known = replace(free, fit=free.fit._replace(n_told=5))
-    assert known.price == pytest.approx(hypothesis("density", 30.0, 1, **few).price)
-    assert known.price < free.price
+    assert known.penalty == pytest.approx(hypothesis("density", 30.0, 1, **few).penalty)
+    assert known.penalty < free.penalty
     chosen = hypothesis("channel_polarity", 30.0, 0)
     held = replace(chosen, candidate=replace(chosen.candidate, replaces="held edge x0"))
-    assert (chosen.price, held.price) == (8.0, 0.0)
+    assert (chosen.penalty, held.penalty) == (8.0, 0.0)
 
 
 def test_a_coincidence_costs():
     spring = hypothesis("ground_spring", 2000.0, 3)
-    assert replace(spring, surprise=12.0).cost == spring.cost + 12.0
+    assert replace(spring, coincidence=12.0).cost == spring.cost + 12.0
 
 
 def test_what_chance_takes_is_no_effect():

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 from torchplate.diagnosis.fit import Fit, Prior
-from torchplate.diagnosis.naming import Choice, Hypothesis
-from torchplate.diagnosis.noise import Noise
-from torchplate.diagnosis.screen import Scored
-from torchplate.diagnosis.workbench import Workbench
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
+from torchplate.diagnosis.selection.screen import Scored
+from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel
 
 
@@ -26,7 +26,7 @@ class State:
     fit: Fit
     named: tuple["Naming", ...] = ()
     previous: "State | None" = None
-    look: "Looked | None" = None
+    look: "Ranked | None" = None
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,11 @@ class Naming:
 
 
 @dataclass(frozen=True)
-class Travelled:
+class Trace:
     """Everything the road has seen.
 
     Attributes:
-        bench: what evaluated the models.
+        builder: what evaluated the models.
         noise: of the FRFs; None for a table of natural frequencies.
         given: the fit of the given model on its own mesh.
         baseline: the given model on a mesh whose error is taken off.
@@ -69,17 +69,17 @@ class Travelled:
         prior: what was known of the parameters beforehand.
     """
 
-    bench: Workbench
+    builder: ModelBuilder
     noise: Noise | None
     given: Fit
     baseline: State
     final: State
-    looks: tuple["Looked", ...]
+    looks: tuple["Ranked", ...]
     prior: Prior
 
 
 @dataclass(frozen=True)
-class Looked:
+class Ranked:
     """What one look over the catalogue gave.
 
     Attributes:

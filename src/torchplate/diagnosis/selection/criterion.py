@@ -1,7 +1,7 @@
 """From fitted hypotheses to a name, the names that are as good, and how sure that is.
 
 A hypothesis is judged by everything that speaks against it: squared residuals on fitted and on held-out FRFs over their
-variance (noise, and what is left of the mesh error), tolerances broken, and a price for each parameter. Differences
+variance (noise, and what is left of the mesh error), tolerances broken, and a penalty for each parameter. Differences
 count in units of the best one's own mean square where that is above 1: a model that leaves something unexplained knows
 less of what is small.
 """
@@ -10,12 +10,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from torchplate.diagnosis.candidate import Candidate
+from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.fit import Fit
 from torchplate.diagnosis.target import FrfTarget, Target
 
 # What a parameter must take from the sum of squares to pay for itself.
-PRICE = 8.0
+PENALTY = 8.0
 # Hypotheses closer than this to the best, or than this part of all that speaks against it, cannot be told from it: the
 # variance of the noise and of the mesh error is not known any better.
 EQUIVALENT, EQUIVALENT_PART = 14.0, 4e-3
@@ -47,13 +47,13 @@ class Hypothesis:
         candidate: the effect.
         label: in the model.
         fit: of the model.
-        surprise: what it costs that it ended where something of the model's own is already.
+        coincidence: what it costs that it ended where something of the model's own is already.
     """
 
     candidate: Candidate
     label: str
     fit: Fit
-    surprise: float = 0.0
+    coincidence: float = 0.0
 
     @property
     def name(self) -> str:
@@ -61,24 +61,24 @@ class Hypothesis:
         return self.candidate.name
 
     @property
-    def price(self) -> float:
+    def penalty(self) -> float:
         """Of its parameters; a choice among channels or edges is one, too, but not that of the edge that is held.
 
         Where the model is doubted few numbers are independent, and each parameter of which nothing is known beforehand
         costs more than the one before.
         """
         own = len(self.candidate.searched) + bool(self.candidate.options and not self.candidate.replaces)
-        if self.fit.believed:
-            return PRICE * own
+        if self.fit.by_noise:
+            return PENALTY * own
         n = self.fit.misfit.n_fitted + self.fit.misfit.n_heldout
         without = len(self.fit.theta) - self.fit.n_told - len(self.candidate.searched)
-        whole = price_of_few(n, without + own)
-        return whole if whole == math.inf else whole - price_of_few(n, without)
+        whole = penalty_of_few(n, without + own)
+        return whole if whole == math.inf else whole - penalty_of_few(n, without)
 
     @property
     def cost(self) -> float:
         """What speaks against it."""
-        return self.fit.cost + self.price + self.surprise
+        return self.fit.cost + self.penalty + self.coincidence
 
 
 @dataclass(frozen=True)
@@ -106,10 +106,10 @@ class Choice:
 
 def _unit(best: Hypothesis) -> float:
     """What differences count in: a model that leaves something unexplained knows less of what is small."""
-    return max(1.0, best.fit.reduced_misfit) if best.fit.believed else 1.0
+    return max(1.0, best.fit.reduced_misfit) if best.fit.by_noise else 1.0
 
 
-def price_of_few(n: float, n_parameter: int) -> float:
+def penalty_of_few(n: float, n_parameter: int) -> float:
     """What parameters add to twice the negative logarithm of a likelihood of few numbers: 2 k n / (n − k − 1).
 
     Source: Hurvich and Tsai, Biometrika 76 (1989) 297, the corrected information criterion.
@@ -133,9 +133,9 @@ def choose(hypotheses: Sequence[Hypothesis], best: Hypothesis | None = None) -> 
     ranked = sorted(hypotheses, key=lambda one: one.cost)
     if best is None:
         near = [one for one in ranked if one.cost - ranked[0].cost <= EQUIVALENT]
-        best = ranked[0] if ranked[0].fit.believed else min(near, key=lambda one: one.fit.gap, default=ranked[0])
+        best = ranked[0] if ranked[0].fit.by_noise else min(near, key=lambda one: one.fit.gap, default=ranked[0])
     unit = _unit(best)
-    alike = max(EQUIVALENT, EQUIVALENT_PART * best.cost / unit) if best.fit.believed else EQUIVALENT
+    alike = max(EQUIVALENT, EQUIVALENT_PART * best.cost / unit) if best.fit.by_noise else EQUIVALENT
     equivalent, others = [], []
     for other in ranked:
         if other.name == best.name:
@@ -151,15 +151,15 @@ def choose(hypotheses: Sequence[Hypothesis], best: Hypothesis | None = None) -> 
 
 def is_noise(fit: Fit) -> bool:
     """Whether nothing but noise is left."""
-    return fit.believed and fit.reduced_misfit <= NOISE_ONLY
+    return fit.by_noise and fit.reduced_misfit <= NOISE_ONLY
 
 
 def is_explained(fit: Fit, target: Target, named: bool) -> bool:
     """Whether nothing but noise is left, or the gap is at its floor: lines far below the others may say otherwise."""
     if is_noise(fit) or not isinstance(target, FrfTarget):
         return is_noise(fit)
-    if named or not fit.believed:
-        return (fit.reduced_misfit < LITTLE or not fit.believed) and fit.gap <= AT_FLOOR * target.floor
+    if named or not fit.by_noise:
+        return (fit.reduced_misfit < LITTLE or not fit.by_noise) and fit.gap <= AT_FLOOR * target.floor
     return fit.reduced_misfit < VERY_LITTLE and fit.gap <= BELOW_FLOOR * target.floor
 
 
@@ -174,9 +174,9 @@ def confidence_in_the_end(choice: Choice, last: Fit, more_followed: bool) -> flo
     """
     misfit = last.reduced_misfit
     margin = choice.margin
-    if more_followed and choice.next_best is not None and last.believed:
+    if more_followed and choice.next_best is not None and last.by_noise:
         margin = max(margin, (choice.next_best.cost - last.cost) / max(1.0, misfit))
-    return confidence(margin - choice.alike, misfit if last.believed else DOUBT)
+    return confidence(margin - choice.alike, misfit if last.by_noise else DOUBT)
 
 
 def confidence(margin: float, misfit: float) -> float:
@@ -200,7 +200,7 @@ def is_needed(before: Fit, after: Hypothesis, by_chance: float = 0.0) -> bool:
         by_chance: what the best of the catalogue takes once in a hundred times where nothing is missing; 0 if not
             known.
     """
-    if not after.fit.believed:
+    if not after.fit.by_noise:
         fall = before.cost - after.cost
         halved = fall > 0 and after.fit.gap <= HALVED * before.gap
         return halved or fall > LEAST_FALL_IN_DOUBT

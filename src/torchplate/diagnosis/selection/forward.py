@@ -12,20 +12,28 @@ import torch
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.candidate import channels_of
+from torchplate.diagnosis.candidates.candidate import channels_of
 from torchplate.diagnosis.fit import Fit, Problem, fit, widely
-from torchplate.diagnosis.hindsight import Hindsight
 from torchplate.diagnosis.holdout import exchanged, held_out
-from torchplate.diagnosis.ledger import Diagnosis
-from torchplate.diagnosis.look import Look
-from torchplate.diagnosis.naming import LEAST_PART, Choice, Hypothesis, choose, is_explained, is_needed, is_noise
-from torchplate.diagnosis.noise import Noise, noise_level
-from torchplate.diagnosis.state import Looked, Naming, State, Travelled
+from torchplate.diagnosis.model_builder import SETTLING, ModelBuilder, with_candidate
+from torchplate.diagnosis.result import Diagnosis
+from torchplate.diagnosis.selection.criterion import (
+    LEAST_PART,
+    Choice,
+    Hypothesis,
+    choose,
+    is_explained,
+    is_needed,
+    is_noise,
+)
+from torchplate.diagnosis.selection.exchange import Exchange
+from torchplate.diagnosis.selection.ranking import Ranking
+from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
 from torchplate.diagnosis.summary import summarise
 from torchplate.diagnosis.target import FrequencyTarget, FrfTarget, Target
 from torchplate.diagnosis.tolerance import with_tolerances
-from torchplate.diagnosis.workbench import SETTLING, Workbench, with_candidate
 from torchplate.measurement import Measurement, NaturalFrequencies
+from torchplate.measurement.noise import Noise, noise_level
 from torchplate.model import PlateModel
 
 # Members of the first look over the box, and those that go down from there.
@@ -67,7 +75,7 @@ def diagnose(
     """Find where a model and a measurement disagree, name what is missing, add it, and show the gap shrink.
 
     Args:
-        model: the model as it is believed; its searched parameters are fitted, its numbers are not.
+        model: the model as it is by_noise; its searched parameters are fitted, its numbers are not.
         measurement: FRFs; the model's responses and references are theirs.
         natural_frequencies: a table instead of FRFs.
         tolerance: how well numbers are known: "label.parameter", "mesh.length_x" → standard deviation in SI units.
@@ -91,19 +99,19 @@ def diagnose(
     else:
         assert natural_frequencies is not None
         target = FrequencyTarget(natural_frequencies)
-    road = Road(model, target, dict(tolerance or {}), say)
+    road = ForwardSelection(model, target, dict(tolerance or {}), say)
     baseline = road.baseline()
     given = road.as_given(baseline)
     state, looks = road.travel(baseline, most_effects)
     few = measurement is None or len(measurement.pairs) < FEW
     if few and state.fit.reduced_misfit > FAR_OFF:
-        state, looks = road.travel(road.doubting(road.begun), most_effects)
+        state, looks = road.travel(road.inflated(road.begun), most_effects)
     return summarise(
-        Travelled(road.bench, noise, given, road.begun, state, tuple(looks), road.prior), time.monotonic() - began
+        Trace(road.builder, noise, given, road.begun, state, tuple(looks), road.prior), time.monotonic() - began
     )
 
 
-class Road:
+class ForwardSelection:
     """The steps, each of which can be taken alone.
 
     Args:
@@ -117,38 +125,38 @@ class Road:
         self, model: PlateModel, target: Target, tolerance: Mapping[str, float], say: Callable[[str], None]
     ) -> None:
         self.given, self.prior = with_tolerances(model, tolerance)
-        self.bench = Workbench(self.given, target)
-        self.say, self.look = say, Look(self.bench, self.prior, channels_of(model), say)
-        self.hindsight = Hindsight(self.bench, self.look, self.prior, say)
+        self.builder = ModelBuilder(self.given, target)
+        self.say, self.look = say, Ranking(self.builder, self.prior, channels_of(model), say)
+        self.exchange = Exchange(self.builder, self.look, self.prior, say)
 
     def baseline(self) -> State:
         """The given model, fitted on a mesh whose error is taken off; and on its own mesh, to see what that costs."""
-        bench, model, target = self.bench, self.bench.given, self.bench.target
+        builder, model, target = self.builder, self.builder.given, self.builder.target
         self.say(f"baseline: fitting {', '.join(model.names) or 'nothing'}")
         middle = model.space.to_si(model.known.new_full((len(model.names),), 0.5))
-        extrapolated = bench.corrected(model, middle)
+        extrapolated = builder.corrected(model, middle)
         self._mesh_error = extrapolated
-        bench.expect_mesh_error(extrapolated)
+        builder.expect_mesh_error(extrapolated)
         start = self._first_look(extrapolated.model, middle)
-        found = fit(bench, model, start, self.prior, wide=False)
+        found = fit(builder, model, start, self.prior, wide=False)
         if isinstance(target, FrfTarget):
             square = (target.measured - found.prediction).abs().square() / target.variance
             changed = exchanged(target.heldout, target.measurement.measured, square.mean(0) / 2)
             if not torch.equal(changed, target.heldout):
                 target.hold_out(changed)
-                found = fit(bench, model, model.space.to_cube(found.theta)[None], self.prior, wide=False)
+                found = fit(builder, model, model.space.to_cube(found.theta)[None], self.prior, wide=False)
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} times what noise explains")
         return State(model, found)
 
-    def doubting(self, baseline: State) -> State:
+    def inflated(self, baseline: State) -> State:
         """The baseline again, where what is left is far above the noise, weighed by what the model as such leaves."""
-        bench, target, model = self.bench, self.bench.target, baseline.model
+        builder, target, model = self.builder, self.builder.target, baseline.model
         self.say("what is left is far above the noise: the model itself is doubted from here on")
-        frequency = bench.corrected(model, baseline.fit.theta).frequency
-        in_band = int((frequency <= bench.top).sum())
-        target.doubt_the_model(baseline.fit.prediction, max(1, in_band))
+        frequency = builder.corrected(model, baseline.fit.theta).frequency
+        in_band = int((frequency <= builder.top).sum())
+        target.inflate_model_error(baseline.fit.prediction, max(1, in_band))
         start = model.space.to_cube(baseline.fit.theta)[None]
-        return State(model, fit(bench, model, start, self.prior, wide=target.levels > 1))
+        return State(model, fit(builder, model, start, self.prior, wide=target.levels > 1))
 
     def _first_look(self, model: PlateModel, middle: Tensor) -> Tensor:
         """Where to begin: members spread over the box, the best of them down the wide levels."""
@@ -156,24 +164,24 @@ class Road:
         start = model.known.new_full((1, n), 0.5)
         if not n:
             return start
-        problem = Problem(self.bench, self.bench.reduced(model, middle[None]), {})
+        problem = Problem(self.builder, self.builder.reduced(model, middle[None]), {})
         look = torch.cat([start, SobolEngine(n).draw(N_LOOK, dtype=torch.float64).to(middle)])
         value = problem.residual(look, 0).square().sum(-1)
         start = look[value.argsort()[:N_DESCEND]]
-        return widely(problem, start, keep=2)[0] if self.bench.target.levels > 1 else start
+        return widely(problem, start, keep=2)[0] if self.builder.target.levels > 1 else start
 
     def as_given(self, baseline: State) -> Fit:
         """The fit of the given model on its own mesh, error and all."""
-        bench = Workbench(self.given, self.bench.target, as_given=True)
+        builder = ModelBuilder(self.given, self.builder.target, as_given=True)
         start = baseline.model.space.to_cube(baseline.fit.theta)[None]
-        found = fit(bench, bench.given, start, self.prior, wide=self.bench.target.levels > 1)
-        self.bench.n_evaluation += bench.n_evaluation
+        found = fit(builder, builder.given, start, self.prior, wide=self.builder.target.levels > 1)
+        self.builder.n_evaluation += builder.n_evaluation
         return found
 
-    def travel(self, state: State, most_effects: int) -> tuple[State, list[Looked]]:
+    def travel(self, state: State, most_effects: int) -> tuple[State, list[Ranked]]:
         """Add effects as long as they are needed and there are some; `begun` is what they were added to."""
         self.begun, lowered = state, False
-        looks: list[Looked] = []
+        looks: list[Ranked] = []
         while len(state.named) < most_effects:
             look = self.look.at(state)
             looks.append(look)
@@ -209,8 +217,8 @@ class Road:
         start = torch.tensor([[values[name] for name in state.model.names]]).to(state.fit.theta)
         limit = float(state.fit.misfit.fitted)
         position = state.model.space.to_cube(start)
-        found = fit(self.bench, state.model, position, self.prior, wide=False, hopeless=limit, near=state.fit.model)
-        if not found.believed or found.cost > (1 - LEAST_PART) * state.fit.cost:
+        found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit, near=state.fit.model)
+        if not found.by_noise or found.cost > (1 - LEAST_PART) * state.fit.cost:
             return None
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")
         return replace(state, fit=found)
@@ -218,20 +226,20 @@ class Road:
     def _explained(self, state: State) -> State | None:
         """The state, settled, if nothing but noise is left of it; None where more is."""
         fit = state.fit
-        if not is_noise(fit) and (not fit.believed or fit.reduced_misfit > PERHAPS_MESH):
+        if not is_noise(fit) and (not fit.by_noise or fit.reduced_misfit > PERHAPS_MESH):
             return None
         ended = self._ended(state)
-        if ended is state or is_explained(ended.fit, self.bench.target, bool(ended.named)):
+        if ended is state or is_explained(ended.fit, self.builder.target, bool(ended.named)):
             return ended
-        self.bench.expect_mesh_error(self._mesh_error)
+        self.builder.expect_mesh_error(self._mesh_error)
         return None
 
     def _ended(self, state: State) -> State:
         """The state, settled; as it is, where that leaves noise alone and settling more."""
         settled = self._settled(state)
-        if is_explained(settled.fit, self.bench.target, bool(settled.named)) or not is_noise(state.fit):
+        if is_explained(settled.fit, self.builder.target, bool(settled.named)) or not is_noise(state.fit):
             return settled
-        self.bench.expect_mesh_error(self._mesh_error)
+        self.builder.expect_mesh_error(self._mesh_error)
         return state
 
     def _settled(self, state: State) -> State:
@@ -240,21 +248,21 @@ class Road:
         Where it leaves little, on a finer mesh; there an effect that closed but a small gap has to show again that it
         was not the mesh.
         """
-        bench, target = self.bench, self.bench.target
-        state = self.hindsight.judged_again(state)
-        little = isinstance(target, FrfTarget) and state.fit.believed and state.fit.reduced_misfit < PERHAPS_MESH
+        builder, target = self.builder, self.builder.target
+        state = self.exchange.judged_again(state)
+        little = isinstance(target, FrfTarget) and state.fit.by_noise and state.fit.reduced_misfit < PERHAPS_MESH
         if not little and not state.named:
             return state
         if little:
             self.say("settling on a finer mesh")
-            bench = Workbench(self.given, target, fineness=SETTLING)
-            bench.expect_mesh_error(bench.corrected(state.model, state.fit.theta))
+            builder = ModelBuilder(self.given, target, fineness=SETTLING)
+            builder.expect_mesh_error(builder.corrected(state.model, state.fit.theta))
         start = state.model.space.to_cube(state.fit.theta)[None]
-        settled = replace(state, fit=fit(bench, state.model, start, self.prior, wide=False))
+        settled = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False))
         if little:
             small = tuple(one for one in state.named if one.before.gap < SMALL_GAP * target.floor)
-            settled = self.hindsight.without_needless(settled, bench, small)
-            self.bench.n_evaluation += bench.n_evaluation
+            settled = self.exchange.without_needless(settled, builder, small)
+            self.builder.n_evaluation += builder.n_evaluation
         return settled
 
     def _explains_some(self, before: Fit, hypothesis: Hypothesis, by_cost: bool = False) -> bool:
@@ -263,16 +271,16 @@ class Road:
         Args:
             before: the fit without it.
             hypothesis: with it.
-            by_cost: a smaller gap alone is not enough, if the model is believed.
+            by_cost: a smaller gap alone is not enough, if the model is by_noise.
         """
         after = hypothesis.fit
-        gaps = [float(self.bench.target.gap(one.prediction)) for one in (before, after)]
+        gaps = [float(self.builder.target.gap(one.prediction)) for one in (before, after)]
         part = SMALLER_COST if hypothesis.candidate.searched else SMALLER_COST_WITHOUT_NUMBER
-        smaller = gaps[1] <= SMALLER_GAP * gaps[0] and not (by_cost and after.believed)
-        return smaller or (after.believed and after.cost <= part * before.cost)
+        smaller = gaps[1] <= SMALLER_GAP * gaps[0] and not (by_cost and after.by_noise)
+        return smaller or (after.by_noise and after.cost <= part * before.cost)
 
     def _pairs(
-        self, state: State, look: Looked, single: State, looks: list[Looked]
+        self, state: State, look: Ranked, single: State, looks: list[Ranked]
     ) -> tuple[State | None, State | None]:
         """The best with one effect more, from the few that explain so much that looking beside them is worth it.
 
@@ -288,7 +296,7 @@ class Road:
                 beam.append(self._added(state, choose(ranked, other), look))
         best: State | None = None
         for rank, start in enumerate(beam):
-            if rank and self.bench.n_evaluation > ENOUGH:
+            if rank and self.builder.n_evaluation > ENOUGH:
                 break
             names = " + ".join(one.hypothesis.name for one in start.named)
             self.say(f"{names} leaves {start.fit.reduced_misfit:.3g}: looking for what else is missing")
@@ -300,16 +308,16 @@ class Road:
             if not is_needed(start.fit, choice.best, more.by_chance):
                 continue
             found = self._added(start, choice, more)
-            if not is_noise(found.fit) and found.fit.believed and found.fit.cost <= MUCH_LESS * start.fit.cost:
+            if not is_noise(found.fit) and found.fit.by_noise and found.fit.cost <= MUCH_LESS * start.fit.cost:
                 # Two of a kind may have changed places, as two kinds of damping: that is cheaper to see than a look.
-                found = self.hindsight.judged_again(found)
+                found = self.exchange.judged_again(found)
             if best is None or found.fit.cost < best.fit.cost:
                 best = found
                 if (settled := self._explained(found)) is not None:
                     return best, settled
         return best, None
 
-    def _added(self, state: State, choice: Choice, look: Looked) -> State:
+    def _added(self, state: State, choice: Choice, look: Ranked) -> State:
         hypothesis = choice.best
         model = with_candidate(state.model, hypothesis.label, hypothesis.candidate)
         naming = Naming(hypothesis, choice, state.fit, look.hypotheses, by_chance=look.by_chance)
@@ -318,7 +326,7 @@ class Road:
 
 def _explains_much(state: State) -> bool:
     """Whether the last effect explains much, or all that was left; else it may stand in for something else."""
-    if state.previous is None or is_noise(state.fit) or not state.fit.believed:
+    if state.previous is None or is_noise(state.fit) or not state.fit.by_noise:
         return True
     return state.fit.cost <= LARGE_PART * state.previous.fit.cost
 
@@ -326,7 +334,7 @@ def _explains_much(state: State) -> bool:
 def _worth_their_names(state: State) -> State:
     """Without the last effects, where something else is missing still and they only stand in for a little of it."""
     while state.previous is not None:
-        seen = is_noise(state.fit) or not state.fit.believed or state.fit.gap <= SEEN_PART * state.previous.fit.gap
+        seen = is_noise(state.fit) or not state.fit.by_noise or state.fit.gap <= SEEN_PART * state.previous.fit.gap
         if seen and _explains_much(state):
             break
         state = state.previous

@@ -3,11 +3,11 @@
 import pytest
 import torch
 
-from torchplate.diagnosis import look as module
-from torchplate.diagnosis.naming import Choice, Hypothesis
-from torchplate.diagnosis.screen import screen
-from torchplate.diagnosis.state import Looked, Naming, State
-from torchplate.diagnosis.workbench import with_candidate
+from torchplate.diagnosis.selection import ranking as module
+from torchplate.diagnosis.model_builder import with_candidate
+from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
+from torchplate.diagnosis.selection.screen import screen
+from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def test_what_came_near_before_is_tried_again_from_where_it_ended(scene):
     assert gain.fit.gap < 0.2 * scene.fit.gap < mass.fit.gap
     followed = Naming(mass, Choice(mass, (), gain, 1.0), scene.fit)
     model = with_candidate(scene.state.model, mass.label, mass.candidate)
-    state = State(model, mass.fit, (followed,), scene.state, Looked((), (mass, gain)))
+    state = State(model, mass.fit, (followed,), scene.state, Ranked((), (mass, gain)))
     (again,) = scene.look._again(state)
     assert again.name == "sensor_gain"
     values = dict(zip(again.fit.model.names, again.fit.theta.tolist(), strict=True))
@@ -30,7 +30,7 @@ def test_what_came_near_before_is_tried_again_from_where_it_ended(scene):
     assert "point_mass_1.mass" in values
     # Not where nothing was looked at before, nor what did not come near.
     assert scene.look._again(scene.state) == []
-    assert scene.look._again(State(model, mass.fit, (followed,), scene.state, Looked((), (mass,)))) == []
+    assert scene.look._again(State(model, mass.fit, (followed,), scene.state, Ranked((), (mass,)))) == []
 
 
 @torch.no_grad()
@@ -49,7 +49,7 @@ def test_the_best_are_followed_as_long_as_that_takes_them_further(scene, monkeyp
     found = scene.look._run_off(scene.state, [ended, other])
     # A half less: once more. A hair less: that was the end.
     assert list(left) == []
-    assert found[0].cost == pytest.approx(0.499 * min(ended.fit.cost, other.fit.cost) + found[0].price, rel=1e-6)
+    assert found[0].cost == pytest.approx(0.499 * min(ended.fit.cost, other.fit.cost) + found[0].penalty, rel=1e-6)
 
 
 @torch.no_grad()
@@ -64,8 +64,8 @@ def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, m
     monkeypatch.setattr(module, "one_level", descend)
     for young, on_edge in ((2.1e11, False), (2.29999e11, True)):
         scene = lab.Scene(young)
-        base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
-        every = screen(scene.bench, base, scene.fit.theta, [scene.candidate("sensor_gain")], {})
+        base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+        every = screen(scene.builder, base, scene.fit.theta, [scene.candidate("sensor_gain")], {})
         starts.clear()
         scene.look._down(scene.state, every)
         (tried,) = starts
@@ -79,9 +79,9 @@ def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, m
 def test_the_residual_force_says_where_to_start_and_how_large(lab):
     # 5 % of the plate: peaks do not overlap.
     scene = lab.Scene(2.05e11, {"mass": 0.15})
-    base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
     names = ("point_mass", "ground_spring", "stiffness_loss", "density")
-    scored = screen(scene.bench, base, scene.fit.theta, [scene.candidate(name) for name in names], {})
+    scored = screen(scene.builder, base, scene.fit.theta, [scene.candidate(name) for name in names], {})
     found = {one.candidate.name: one for one in scene.look._from_force(scene.state, base, scored)}
     before = {one.candidate.name: one for one in scored}
     for name in ("stiffness_loss", "density"):
@@ -99,8 +99,8 @@ def test_the_residual_force_says_where_to_start_and_how_large(lab):
 @torch.no_grad()
 def test_what_took_less_than_it_promised_is_looked_for_farther_off(scene):
     gain = scene.hypothesis("sensor_gain")
-    base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
-    (promise,) = screen(scene.bench, base, scene.fit.theta, [scene.candidate("sensor_gain")], {}, near=True)
+    base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    (promise,) = screen(scene.builder, base, scene.fit.theta, [scene.candidate("sensor_gain")], {}, near=True)
     assert promise.drop > 0.9
     assert module._kept([promise], [gain], scene.state)
     halfway = gain.fit.misfit._replace(fitted=0.5 * scene.fit.misfit.fitted)
@@ -111,9 +111,9 @@ def test_what_took_less_than_it_promised_is_looked_for_farther_off(scene):
 
 @torch.no_grad()
 def test_what_falls_behind_at_a_wide_level_goes_down_no_further_but_for_the_best_two(scene, monkeypatch):
-    base = scene.bench.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
     names = ("sensor_gain", "point_mass", "density", "thickness")
-    every = screen(scene.bench, base, scene.fit.theta, [scene.candidate(name) for name in names], {})
+    every = screen(scene.builder, base, scene.fit.theta, [scene.candidate(name) for name in names], {})
     ended = {
         "sensor_gain": (10.0, 1.0, 1.0),
         "point_mass": (11.0, 5.9, 30.0),
@@ -155,8 +155,8 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, 
     # At the right place, and everything else where it was: far too soft.
     theta = right.fit.theta.clone()
     theta[[right.fit.model.names.index(f"{right.label}.stiffness")]] = 150.0
-    prediction = scene.bench.predict(right.fit.reduced, theta)
-    misfit = scene.bench.target.misfit(prediction)
+    prediction = scene.builder.predict(right.fit.reduced, theta)
+    misfit = scene.builder.target.misfit(prediction)
     short = Hypothesis(
         right.candidate, right.label, right.fit._replace(theta=theta, prediction=prediction, misfit=misfit)
     )

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import torch
 
+from torchplate.diagnosis.candidates.supports import NEAR_NODE, supports_at
 from torchplate.diagnosis.fit import Fit, Prior, fit
-from torchplate.diagnosis.look import GROUNDED, Look
-from torchplate.diagnosis.naming import Hypothesis, choose, is_needed
-from torchplate.diagnosis.state import Naming, State
-from torchplate.diagnosis.supports import NEAR_NODE, supports_at
-from torchplate.diagnosis.workbench import Workbench, with_candidate, without_candidate
+from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate, without_candidate
+from torchplate.diagnosis.selection.criterion import Hypothesis, choose, is_needed
+from torchplate.diagnosis.selection.ranking import GROUNDED, Ranking
+from torchplate.diagnosis.selection.trace import Naming, State
 from torchplate.model import PlateModel
 
 # Rivals of an earlier name that are tried in its place.
@@ -20,18 +20,18 @@ N_RIVAL = 4
 HOPELESS = 10.0
 
 
-class Hindsight:
+class Exchange:
     """Judges the named effects again, in the last model.
 
     Args:
-        bench: builds and evaluates the models.
+        builder: builds and evaluates the models.
         look: the looks over the catalogue.
         prior: what is known of the given model's parameters beforehand.
         say: is told what is being tried.
     """
 
-    def __init__(self, bench: Workbench, look: Look, prior: Prior, say: Callable[[str], None]) -> None:
-        self.bench, self.look, self.prior, self.say = bench, look, prior, say
+    def __init__(self, builder: ModelBuilder, look: Ranking, prior: Prior, say: Callable[[str], None]) -> None:
+        self.builder, self.look, self.prior, self.say = builder, look, prior, say
 
     def judged_again(self, state: State) -> State:
         """The names that are left where each is judged beside the others, if there are several."""
@@ -39,7 +39,7 @@ class Hindsight:
             return state
         state = self._as_one_support(state)
         found = self.beside_the_others(state, len(state.named) - 1)
-        found = self.without_needless(found, self.bench, found.named)
+        found = self.without_needless(found, self.builder, found.named)
         if [one.hypothesis.name for one in found.named] != [one.hypothesis.name for one in state.named]:
             # The others are not those that they were.
             found = self.beside_the_others(found, len(found.named))
@@ -94,7 +94,7 @@ class Hindsight:
         starts = [[values[name] for name in model.names] for values in (then | now, now | then)]
         start = model.space.to_cube(torch.tensor(starts).to(state.fit.theta)).clamp(1e-3, 1 - 1e-3)
         limit = HOPELESS * float(state.fit.misfit.fitted)
-        found = fit(self.bench, model, start, self.prior, wide=False, hopeless=limit, near=state.fit.model)
+        found = fit(self.builder, model, start, self.prior, wide=False, hopeless=limit, near=state.fit.model)
         self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
         return replace(rival, fit=found)
 
@@ -116,7 +116,7 @@ class Hindsight:
             for candidate in supports_at(alone.model, alone.fit.theta, *places[0], *strength)
         ]
         best = min(supports, key=lambda one: one.cost)
-        if best.cost > state.fit.cost + spring.hypothesis.price + dashpot.hypothesis.price:
+        if best.cost > state.fit.cost + spring.hypothesis.penalty + dashpot.hypothesis.penalty:
             return state
         self.say("support_spring in place of ground_spring and ground_dashpot")
         choice = choose([best, spring.hypothesis, *spring.rivals], best)
@@ -137,17 +137,17 @@ class Hindsight:
         without = without_candidate(state.model, naming.hypothesis.label, naming.hypothesis.candidate)
         return with_candidate(without, rival.label, rival.candidate)
 
-    def without_needless(self, state: State, bench: Workbench, doubted: Sequence[Naming]) -> State:
+    def without_needless(self, state: State, builder: ModelBuilder, doubted: Sequence[Naming]) -> State:
         """Take out again those of the doubted effects that the other ones made needless."""
         for naming in doubted:
             label = naming.hypothesis.label
             model = without_candidate(state.model, label, naming.hypothesis.candidate)
             kept = [state.model.names.index(name) for name in model.names]
-            found: Fit = fit(bench, model, model.space.to_cube(state.fit.theta[kept])[None], self.prior, wide=False)
+            found: Fit = fit(builder, model, model.space.to_cube(state.fit.theta[kept])[None], self.prior, wide=False)
             back = replace(naming.hypothesis, fit=state.fit)
             if not is_needed(found, back, naming.by_chance):
                 self.say(f"{naming.hypothesis.name} is no longer needed")
                 rest = tuple(one for one in state.named if one is not naming)
                 still = [one for one in doubted if one is not naming]
-                return self.without_needless(State(model, found, rest), bench, still)
+                return self.without_needless(State(model, found, rest), builder, still)
         return state

@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from torchplate.diagnosis.fit import fit
-from torchplate.diagnosis.hindsight import Hindsight
-from torchplate.diagnosis.naming import Hypothesis, choose
-from torchplate.diagnosis.state import Naming, State
-from torchplate.diagnosis.workbench import with_candidate
+from torchplate.diagnosis.model_builder import with_candidate
+from torchplate.diagnosis.selection.criterion import Hypothesis, choose
+from torchplate.diagnosis.selection.exchange import Exchange
+from torchplate.diagnosis.selection.trace import Naming, State
 
 
 class Two:
@@ -17,7 +17,7 @@ class Two:
 
     def __init__(self, lab, first: str, *rivals: str):
         scene = lab.Scene(hidden={"gain": 1.1, "mass": 0.15})
-        self.bench, before = scene.bench, scene.fit
+        self.builder, before = scene.builder, scene.fit
         hypotheses = {name: scene.hypothesis(name) for name in (first, *rivals)}
         named = hypotheses[first]
         choice = choose(list(hypotheses.values()), named)
@@ -28,17 +28,17 @@ class Two:
         values = dict(zip(mass.fit.model.names, mass.fit.theta.tolist(), strict=True))
         values |= {"point_mass_1.x": lab.spot[0], "point_mass_1.y": lab.spot[1]}
         start = whole.space.to_cube(torch.tensor([values[name] for name in whole.names], dtype=torch.float64))
-        mass = replace(mass, fit=fit(self.bench, whole, start[None], wide=False))
+        mass = replace(mass, fit=fit(self.builder, whole, start[None], wide=False))
         last = Naming(mass, choose([mass]), named.fit, (mass,))
         self.state = State(whole, mass.fit, (*state.named, last), state)
         self.said: list[str] = []
-        self.hindsight = Hindsight(self.bench, scene.look, {}, self.said.append)
+        self.exchange = Exchange(self.builder, scene.look, {}, self.said.append)
 
 
 @torch.no_grad()
 def test_a_name_that_another_fits_better_now_is_replaced(lab):
     two = Two(lab, "orthotropy", "sensor_gain", "time_delay")
-    found = two.hindsight.judged_again(two.state)
+    found = two.exchange.judged_again(two.state)
     assert [one.hypothesis.name for one in found.named] == ["sensor_gain", "point_mass"]
     assert found.fit.cost < 0.5 * two.state.fit.cost
     values = dict(zip(found.model.names, found.fit.theta.tolist(), strict=True))
@@ -58,7 +58,7 @@ def test_a_name_that_another_fits_better_now_is_replaced(lab):
 def test_a_right_name_stays_and_knows_its_rivals_now(lab):
     two = Two(lab, "sensor_gain", "orthotropy", "time_delay")
     then = two.state.named[0].choice
-    found = two.hindsight.judged_again(two.state)
+    found = two.exchange.judged_again(two.state)
     first, last = found.named
     assert [first.hypothesis.name, last.hypothesis.name] == ["sensor_gain", "point_mass"]
     assert found.fit is two.state.fit
@@ -74,7 +74,7 @@ def test_a_name_that_is_as_good_as_the_best_stays(lab):
     # A free plate of another density is one of another gain.
     for first, other in (("sensor_gain", "density"), ("density", "sensor_gain")):
         two = Two(lab, first, other, "orthotropy")
-        found = two.hindsight.judged_again(two.state)
+        found = two.exchange.judged_again(two.state)
         assert found.named[0].hypothesis.name == first
         assert found.named[0].known.equivalent == (other,)
 
@@ -82,10 +82,10 @@ def test_a_name_that_is_as_good_as_the_best_stays(lab):
 @torch.no_grad()
 def test_what_the_others_make_needless_is_taken_out(lab):
     two = Two(lab, "sensor_gain")
-    kept = two.hindsight.without_needless(two.state, two.bench, two.state.named)
+    kept = two.exchange.without_needless(two.state, two.builder, two.state.named)
     assert kept is two.state
     beside = Two(lab, "time_delay")
-    left = beside.hindsight.without_needless(beside.state, beside.bench, beside.state.named)
+    left = beside.exchange.without_needless(beside.state, beside.builder, beside.state.named)
     assert [one.hypothesis.name for one in left.named] == ["point_mass"]
     assert "time_delay is no longer needed" in beside.said
 
@@ -97,7 +97,7 @@ def named_after(scene, state, name, **start):
     values = dict(zip(state.model.names, state.fit.theta.tolist(), strict=True))
     values |= {f"{name}_1.{key}": value for key, value in start.items()}
     place = whole.space.to_cube(torch.tensor([values[one] for one in whole.names], dtype=torch.float64))
-    hypothesis = Hypothesis(candidate, f"{name}_1", fit(scene.bench, whole, place[None], wide=False))
+    hypothesis = Hypothesis(candidate, f"{name}_1", fit(scene.builder, whole, place[None], wide=False))
     naming = Naming(hypothesis, choose([hypothesis]), state.fit, (hypothesis,))
     return State(whole, hypothesis.fit, (*state.named, naming), state)
 
@@ -110,8 +110,8 @@ def test_a_spring_and_a_dashpot_at_one_place_are_one_support(lab):
     both = named_after(scene, first, "ground_dashpot", x=x, y=y, viscous_damping=5.0)
     assert both.fit.reduced_misfit < 1.1
     said: list[str] = []
-    hindsight = Hindsight(scene.bench, scene.look, {}, said.append)
-    found = hindsight._as_one_support(both)
+    exchange = Exchange(scene.builder, scene.look, {}, said.append)
+    found = exchange._as_one_support(both)
     assert [one.hypothesis.name for one in found.named] == ["support_spring"]
     assert found.fit.reduced_misfit < 1.1
     values = dict(zip(found.model.names, found.fit.theta.tolist(), strict=True))
@@ -119,8 +119,8 @@ def test_a_spring_and_a_dashpot_at_one_place_are_one_support(lab):
     assert values["support_spring_1.viscous_damping"] == pytest.approx(6.0, rel=0.1)
     assert not any(name.startswith("ground") for name in found.model.names)
     # Alone, or at another place, it stays what it is.
-    assert hindsight._as_one_support(first) is first
+    assert exchange._as_one_support(first) is first
     theta = both.fit.theta.clone()
     theta[both.model.names.index("ground_dashpot_1.x")] += 0.05
     apart = replace(both, fit=both.fit._replace(theta=theta))
-    assert hindsight._as_one_support(apart) is apart
+    assert exchange._as_one_support(apart) is apart

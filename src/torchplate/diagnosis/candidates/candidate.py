@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchplate.diagnosis.held_edges import standing_for
+from torchplate.diagnosis.candidates.held_edges import standing_for
 from torchplate.effects import CATALOGUE, Effect, Parameter, options
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Plan
@@ -21,11 +21,11 @@ from torchplate.plate.mesh import EDGES
 
 # Parts of the way from the neutral value to the end of the prior at which a candidate is tried.
 PARTS = (0.04, 0.15, 0.5, 1.0)
-# The same for what sits at a place; and where a tangent is wanted, with how far of the prior it is believed.
+# The same for what sits at a place; and where a tangent is wanted, with how far of the prior it is by_noise.
 AT_PLACE, TINY, REACH = 0.2, 1e-5, 0.3
 # Parts of a prior without a neutral value inside it.
 SPREAD = (0.1, 0.3, 0.5, 0.7, 0.9)
-# Multiples of a step, of either sign, for which a linear change is believed.
+# Multiples of a step, of either sign, for which a linear change is by_noise.
 BELIEVED = (-1.0, 2.5)
 # What the springs of a held edge are tried at, over the rigid ones.
 YIELDS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5)
@@ -262,7 +262,7 @@ def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], ta
             axes[key] = [_tangent(interval, neutral.get(key))]
         else:
             axes[key] = _steps(interval, neutral.get(key), at_place="x" in searched)
-    believed = (-REACH / TINY, REACH / TINY) if tangent else BELIEVED
+    by_noise = (-REACH / TINY, REACH / TINY) if tangent else BELIEVED
     if "x" in axes or (not tangent and math.prod(len(values) for values in axes.values()) <= MOST_MEMBERS):
         every = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
     else:
@@ -271,7 +271,7 @@ def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], ta
         if not tangent and 3 ** len(axes) <= MOST_CORNERS:
             corners = {key: [_between(searched[key], rest[key], end) for end in (0, None, 1)] for key in axes}
             every += [dict(zip(axes, values, strict=True)) for values in itertools.product(*corners.values())]
-    return [Trial(values, *believed) for values in every]
+    return [Trial(values, *by_noise) for values in every]
 
 
 def _between(interval: Searched, neutral: float, end: int | None) -> float:

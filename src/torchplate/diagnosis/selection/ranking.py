@@ -8,16 +8,16 @@ import torch
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.candidate import Candidate, Channels, candidates
+from torchplate.diagnosis.candidates.candidate import Candidate, Channels, candidates
+from torchplate.diagnosis.candidates.supports import supports_at, tighter_at
 from torchplate.diagnosis.fit import Prior, Problem, fit, one_level, widely
 from torchplate.diagnosis.localise import UNIT, missing_force
-from torchplate.diagnosis.naming import LITTLE, Hypothesis, is_noise
-from torchplate.diagnosis.null import drawn, once_in_a_hundred
-from torchplate.diagnosis.screen import Scored, new_label, screen, start_of, twins
-from torchplate.diagnosis.state import Looked, State
-from torchplate.diagnosis.supports import supports_at, tighter_at
+from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
+from torchplate.diagnosis.selection.criterion import LITTLE, Hypothesis, is_noise
+from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
+from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of, twins
+from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.diagnosis.workbench import Workbench, with_candidate
 from torchplate.model import PlateModel
 
 # Candidates that go down the wide levels, by name, and that are refitted sharply. Two go on from each level, and others
@@ -51,35 +51,35 @@ SHORT = 0.2
 GROUNDED = frozenset({"ground_spring", "ground_dashpot"})
 
 
-class Look:
+class Ranking:
     """Looks over the catalogue.
 
     Args:
-        bench: builds and evaluates the models.
+        builder: builds and evaluates the models.
         prior: what is known of the given model's parameters beforehand.
         channels: what was measured.
         say: is told what is being tried.
     """
 
-    def __init__(self, bench: Workbench, prior: Prior, channels: Channels, say: Callable[[str], None]) -> None:
-        self.bench, self.prior, self.channels, self.say = bench, prior, channels, say
+    def __init__(self, builder: ModelBuilder, prior: Prior, channels: Channels, say: Callable[[str], None]) -> None:
+        self.builder, self.prior, self.channels, self.say = builder, prior, channels, say
 
-    def at(self, state: State) -> Looked:
+    def at(self, state: State) -> Ranked:
         """Score the whole catalogue, and refit what promises most."""
-        bench, misfit = self.bench, state.fit.reduced_misfit
-        base = bench.reduced(state.fit.model, state.fit.theta[None], by_element=True)
+        builder, misfit = self.builder, state.fit.reduced_misfit
+        base = builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
         everyone = candidates(base, state.fit.theta, self.channels)
         self.say(f"scoring {len(everyone)} candidates")
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         by_chance = 0.0
-        if bench.target.levels == 1 or float(bench.target.gap(state.fit.prediction)) < OVERLAPPING:
+        if builder.target.levels == 1 or float(builder.target.gap(state.fit.prediction)) < OVERLAPPING:
             promises, by_chance = self._nearby(state, base, everyone)
             # Where nothing but noise is left, a look at the best two is a check.
             wanted = 2 if is_noise(state.fit) else N_SHARP
             chosen = [(promise, promise.starts) for promise in _promising(promises, wanted)]
         hypotheses: list[Hypothesis] = []
-        if bench.target.levels > 1 and misfit > NEARLY_RIGHT:
+        if builder.target.levels > 1 and misfit > NEARLY_RIGHT:
             if promises and promises[0].drop > DECIDED:
                 hypotheses, chosen = self._refitted(state, chosen), []
             if not _kept(promises, hypotheses, state):
@@ -93,12 +93,12 @@ class Look:
             priced, supports = self.as_supports(state, found) if found.name in GROUNDED else (found, [])
             # A support stays where it is: it is named where little else is missing, and it is there.
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= LITTLE)]
-        return Looked(tuple(promises), tuple(_best_of_each(ended)), by_chance)
+        return Ranked(tuple(promises), tuple(_best_of_each(ended)), by_chance)
 
     def _nearby(self, state: State, base: PlateModel, everyone: Sequence[Candidate]) -> tuple[list[Scored], float]:
         """All candidates scored where peaks overlap; and what chance takes, where little is left."""
         draws = self._by_chance(state)
-        promises = screen(self.bench, base, state.fit.theta, everyone, self.prior, near=True, draws=draws)
+        promises = screen(self.builder, base, state.fit.theta, everyone, self.prior, near=True, draws=draws)
         if draws is None:
             return promises, 0.0
         by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
@@ -109,7 +109,7 @@ class Look:
         self, state: State, base: PlateModel, everyone: Sequence[Candidate]
     ) -> tuple[list[Scored], list[tuple[Scored, Tensor]]]:
         """All candidates scored where peaks need not overlap, and where the best end on the way down."""
-        scored = screen(self.bench, base, state.fit.theta, everyone, self.prior)
+        scored = screen(self.builder, base, state.fit.theta, everyone, self.prior)
         scored = [self._from_afar(state, one) for one in scored]
         scored = sorted(self._from_force(state, base, scored), key=lambda one: -one.drop)
         ways = _promising(scored, N_WIDE)
@@ -132,8 +132,8 @@ class Look:
 
     def _by_chance(self, state: State) -> Tensor | None:
         """Residuals that chance alone makes, where what is left is not far above it; None elsewhere."""
-        target = self.bench.target
-        if not isinstance(target, FrfTarget) or not state.fit.believed or state.fit.reduced_misfit > PERHAPS_CHANCE:
+        target = self.builder.target
+        if not isinstance(target, FrfTarget) or not state.fit.by_noise or state.fit.reduced_misfit > PERHAPS_CHANCE:
             return None
         return drawn(target, state.fit.prediction, state.fit.n_told)
 
@@ -163,7 +163,7 @@ class Look:
         Where more than noise is left, the best go on as long as that takes them further: valleys are narrow.
         """
         found = sorted(hypotheses, key=lambda one: one.cost)
-        for _ in range(N_RUN_OFF if self.bench.target.believes_the_model and found else 0):
+        for _ in range(N_RUN_OFF if self.builder.target.trusts_the_noise and found else 0):
             least = found[0].cost
             close = [one for one in found if one.cost - least < RUN_OFF + RUN_OFF_PART * abs(least)]
             if not is_noise(found[0].fit):
@@ -186,24 +186,24 @@ class Look:
         wide = [one for one in promise.candidate.searched.values() if one.logarithmic and one.low > 0]
         whole_plate = promise.candidate.effect.acts_on == {"section"} and not promise.candidate.has_place
         large = whole_plate and any(one.high / one.low > WIDE_PRIOR for one in wide)
-        if not promise.candidate.replaces and (self.bench.target.believes_the_model or not large):
+        if not promise.candidate.replaces and (self.builder.target.trusts_the_noise or not large):
             return promise
         whole = with_candidate(state.fit.model, promise.label, promise.candidate)
         n = len(whole.names)
         look = torch.cat([promise.starts, SobolEngine(n).draw(N_FAR, dtype=torch.float64).to(promise.starts)])
         some = torch.cat([promise.starts[:1], look[-6:]])
-        problem = Problem(self.bench, self.bench.reduced(whole, whole.space.to_si(some)), self.prior)
+        problem = Problem(self.builder, self.builder.reduced(whole, whole.space.to_si(some)), self.prior)
         value = problem.residual(look, 0).square().sum(-1)
         starts, left = widely(problem, look[value.argsort()[:N_FAR_DESCEND]], keep=3)
-        given = Problem(self.bench, state.fit.reduced, self.prior)
+        given = Problem(self.builder, state.fit.reduced, self.prior)
         position = given.model.space.to_cube(state.fit.theta)
-        before = 0.5 * float(given.residual(position, self.bench.target.levels - 2).square().sum())
+        before = 0.5 * float(given.residual(position, self.builder.target.levels - 2).square().sum())
         return promise._replace(model=problem.model, starts=starts, drop=max(promise.drop, 1 - float(left[0]) / before))
 
     def _from_force(self, state: State, base: PlateModel, scored: Sequence[Scored]) -> list[Scored]:
         """A start more for what acts at a point, where the residual force says that it is, and as large."""
-        target, fit = self.bench.target, state.fit
-        if not isinstance(target, FrfTarget) or not fit.believed:
+        target, fit = self.builder.target, state.fit
+        if not isinstance(target, FrfTarget) or not fit.by_noise:
             return list(scored)
         force = missing_force(target.measurement, target.variance.sqrt(), fit.prediction, fit.reduced, fit.theta)
         found = []
@@ -233,17 +233,17 @@ class Look:
                 free[:, [promise.model.names.index(name) for name in stuck]] = 0.5
                 starts = torch.cat([starts, free])
             ways.append((0.0, promise, starts))
-        for level in range(self.bench.target.levels - 1):
+        for level in range(self.builder.target.levels - 1):
             ends = []
             for _, promise, starts in ways:
-                starts, value = one_level(Problem(self.bench, promise.model, self.prior), starts, level, keep=2)
+                starts, value = one_level(Problem(self.builder, promise.model, self.prior), starts, level, keep=2)
                 ends.append((float(value[0]), promise, starts))
             ends.sort(key=lambda one: one[0])
             ways = [one for rank, one in enumerate(ends) if rank < 2 or one[0] <= NEAR * ends[0][0]]
         return [(promise, starts[:2]) for _, promise, starts in ways[:N_SHARP]]
 
     def as_supports(self, state: State, found: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
-        """What is grounded at a place, with the price of ending at a support; and the supports that it may be.
+        """What is grounded at a place, with the penalty of ending at a support; and the supports that it may be.
 
         Where no support is, that is a further one, spring and dashpot at once; else the one that is there, tighter.
 
@@ -258,7 +258,7 @@ class Look:
         theta = torch.tensor([values[name] for name in state.model.names]).to(state.fit.theta)
         tighter = tighter_at(state.model, theta, at["x"], at["y"], at["stiffness"])
         if tighter is not None:
-            found = replace(found, surprise=tighter.surprise)
+            found = replace(found, coincidence=tighter.coincidence)
         wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
         supports = [self.refitted(state, candidate, theta) for candidate in wanted]
         best = min(supports, key=lambda one: one.fit.cost)
@@ -297,7 +297,7 @@ class Look:
         near: PlateModel | None = None,
     ) -> Hypothesis:
         whole = with_candidate(state.model, label, candidate)
-        found = fit(self.bench, whole, starts, self.prior, wide=False, hopeless=hopeless, near=near)
+        found = fit(self.builder, whole, starts, self.prior, wide=False, hopeless=hopeless, near=near)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
         return Hypothesis(candidate, label, found)
 

@@ -11,9 +11,9 @@ import torch
 
 import torchplate as tp
 from torchplate.diagnosis.fit import fit
-from torchplate.diagnosis.naming import Choice, Hypothesis
-from torchplate.diagnosis.road import Road
-from torchplate.diagnosis.state import Looked, State
+from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
+from torchplate.diagnosis.selection.forward import ForwardSelection
+from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.measurement import NaturalFrequencies
 from torchplate.model import PlateModel, Searched, extrapolate
@@ -286,67 +286,67 @@ def test_a_tolerance_of_a_number_that_is_not_there_is_said(lab):
 @torch.no_grad()
 def test_a_baseline_that_stopped_too_soon_is_taken_up_from_where_an_effect_led(lab):
     scene = lab.Scene(hidden={"gain": 1.0})
-    target = scene.bench.target
+    target = scene.builder.target
     said: list[str] = []
-    road = Road(scene.bench.given, target, {}, said.append)
-    model = road.bench.given
+    selection = ForwardSelection(scene.builder.given, target, {}, said.append)
+    model = selection.builder.given
     middle = torch.full((1, 2), 0.5, dtype=torch.float64)
-    end = fit(road.bench, model, middle, wide=True)
+    end = fit(selection.builder, model, middle, wide=True)
     theta = torch.tensor([2.15e11, 1e-2], dtype=torch.float64)
-    off = road.bench.predict(end.reduced, theta)
+    off = selection.builder.predict(end.reduced, theta)
     stuck = end._replace(theta=theta, prediction=off, misfit=target.misfit(off), gap=target.whole_gap(off))
     assert stuck.reduced_misfit > 20 * end.reduced_misfit
     # An effect let the plate's own parameters go where they belong: without it they do as well.
-    lower = road._lower(State(model, stuck), State(model, end))
+    lower = selection._lower(State(model, stuck), State(model, end))
     assert lower.fit.cost == pytest.approx(end.cost, rel=1e-3)
     assert any("without it" in one for one in said)
     # Where it had come to its end, nothing is taken up.
-    assert road._lower(State(model, end), State(model, end)) is None
+    assert selection._lower(State(model, end), State(model, end)) is None
 
 
 @torch.no_grad()
 def test_a_second_effect_is_looked_for_beside_what_explains_some(lab):
     scene = lab.Scene()
-    road = Road(scene.bench.given, scene.bench.target, {}, lambda _: None)
-    measured = scene.bench.target.measured
+    selection = ForwardSelection(scene.builder.given, scene.builder.target, {}, lambda _: None)
+    measured = scene.builder.target.measured
 
     def fitted(gap: float, square: float):
         misfit = scene.fit.misfit._replace(fitted=torch.tensor(square, dtype=torch.float64))
-        return scene.fit._replace(prediction=(1 - gap) * measured, misfit=misfit, prior=0.0, believed=True)
+        return scene.fit._replace(prediction=(1 - gap) * measured, misfit=misfit, prior=0.0, by_noise=True)
 
     def after(name: str, gap: float, square: float):
         return Hypothesis(scene.candidate(name), f"{name}_1", fitted(gap, square))
 
     before = fitted(0.5, 1000.0)
     # The gap is much smaller, or much less speaks against it.
-    assert road._explains_some(before, after("point_mass", 0.36, 900.0))
-    assert road._explains_some(before, after("point_mass", 0.49, 480.0))
-    assert not road._explains_some(before, after("point_mass", 0.39, 900.0))
+    assert selection._explains_some(before, after("point_mass", 0.36, 900.0))
+    assert selection._explains_some(before, after("point_mass", 0.49, 480.0))
+    assert not selection._explains_some(before, after("point_mass", 0.39, 900.0))
     # What has no number to be fitted cannot do as much, where something else is missing too.
-    assert road._explains_some(before, after("channel_swap", 0.49, 700.0))
-    assert not road._explains_some(before, after("point_mass", 0.49, 700.0))
+    assert selection._explains_some(before, after("channel_swap", 0.49, 700.0))
+    assert not selection._explains_some(before, after("point_mass", 0.49, 700.0))
     # Beside the best, a smaller gap alone is not enough.
-    assert not road._explains_some(before, after("point_mass", 0.36, 900.0), by_cost=True)
-    assert road._explains_some(before, after("point_mass", 0.49, 480.0), by_cost=True)
+    assert not selection._explains_some(before, after("point_mass", 0.36, 900.0), by_cost=True)
+    assert selection._explains_some(before, after("point_mass", 0.49, 480.0), by_cost=True)
 
 
 @torch.no_grad()
 @pytest.mark.parametrize(("n_evaluation", "n_look"), [(100, 2), (1_000_000, 1)], ids=["begun", "long since"])
 def test_after_a_long_search_nothing_is_looked_for_beside_the_second_best(lab, monkeypatch, n_evaluation, n_look):
     scene = lab.Scene()
-    road = Road(scene.bench.given, scene.bench.target, {}, lambda _: None)
+    selection = ForwardSelection(scene.builder.given, scene.builder.target, {}, lambda _: None)
 
     def half(name: str, part: float):
         one = scene.hypothesis(name)
         misfit = scene.fit.misfit._replace(fitted=part * scene.fit.misfit.fitted)
-        return Hypothesis(one.candidate, one.label, one.fit._replace(misfit=misfit, believed=True, prior=0.0))
+        return Hypothesis(one.candidate, one.label, one.fit._replace(misfit=misfit, by_noise=True, prior=0.0))
 
-    look = Looked((), (half("point_mass", 0.3), half("density", 0.4)))
+    look = Ranked((), (half("point_mass", 0.3), half("density", 0.4)))
     seen = []
-    monkeypatch.setattr(road.look, "at", lambda state: seen.append(state) or Looked((), ()))
-    road.bench.n_evaluation = n_evaluation
-    single = road._added(scene.state, Choice(look.hypotheses[0], (), None, 1.0), look)
-    assert road._pairs(scene.state, look, single, []) == (None, None)
+    monkeypatch.setattr(selection.look, "at", lambda state: seen.append(state) or Ranked((), ()))
+    selection.builder.n_evaluation = n_evaluation
+    single = selection._added(scene.state, Choice(look.hypotheses[0], (), None, 1.0), look)
+    assert selection._pairs(scene.state, look, single, []) == (None, None)
     assert [state.named[-1].hypothesis.name for state in seen] == ["point_mass", "density"][:n_look]
 
 
@@ -358,27 +358,27 @@ def test_after_a_long_search_nothing_is_looked_for_beside_the_second_best(lab, m
 )
 def test_a_look_is_not_repeated_where_it_holds_beside_the_better_baseline(lab, monkeypatch, left, n_lower, n_look):
     scene = lab.Scene()
-    road = Road(scene.bench.given, scene.bench.target, {}, lambda _: None)
+    selection = ForwardSelection(scene.builder.given, scene.builder.target, {}, lambda _: None)
     n = scene.fit.misfit.n_fitted
 
     def at(square: float):
         misfit = scene.fit.misfit._replace(fitted=torch.tensor(square * n, dtype=torch.float64))
-        return scene.fit._replace(misfit=misfit, believed=True, prior=0.0)
+        return scene.fit._replace(misfit=misfit, by_noise=True, prior=0.0)
 
     mass = scene.hypothesis("point_mass")
-    named = Hypothesis(mass.candidate, mass.label, mass.fit._replace(misfit=at(left).misfit, believed=True, prior=0.0))
+    named = Hypothesis(mass.candidate, mass.label, mass.fit._replace(misfit=at(left).misfit, by_noise=True, prior=0.0))
     looked = []
-    monkeypatch.setattr(road.look, "at", lambda state: looked.append(state.fit.cost) or Looked((), (named,)))
+    monkeypatch.setattr(selection.look, "at", lambda state: looked.append(state.fit.cost) or Ranked((), (named,)))
     lower = iter([400.0, 200.0][:n_lower])
     monkeypatch.setattr(
-        road, "_lower", lambda state, _: State(state.model, at(value)) if (value := next(lower, None)) else None
+        selection, "_lower", lambda state, _: State(state.model, at(value)) if (value := next(lower, None)) else None
     )
-    monkeypatch.setattr(road, "_explained", lambda state: state)
-    found, _ = road.travel(State(scene.state.model, at(900.0)), 3)
+    monkeypatch.setattr(selection, "_explained", lambda state: state)
+    found, _ = selection.travel(State(scene.state.model, at(900.0)), 3)
     assert len(looked) == n_look
     assert found.named[-1].hypothesis.name == "point_mass"
     # What it was added to is the best that the given model does.
     last = [400.0, 200.0][n_lower - 1]
-    assert found.previous is road.begun
-    assert road.begun.fit.reduced_misfit == pytest.approx(last, rel=1e-6)
-    assert found.named[-1].before is road.begun.fit
+    assert found.previous is selection.begun
+    assert selection.begun.fit.reduced_misfit == pytest.approx(last, rel=1e-6)
+    assert found.named[-1].before is selection.begun.fit

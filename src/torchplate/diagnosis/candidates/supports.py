@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchplate.diagnosis.candidate import BELIEVED, SLACK, Candidate, Trial
+from torchplate.diagnosis.candidates.candidate import BELIEVED, SLACK, Candidate, Trial
 from torchplate.effects import CATALOGUE
 from torchplate.model import PlateModel, Searched
 
@@ -20,11 +20,11 @@ class Tighter(NamedTuple):
 
     Attributes:
         candidate: that support, tighter by the spring: the same physics.
-        surprise: twice the negative logarithm of how likely a spring of which nothing is known ends at a support.
+        coincidence: twice the negative logarithm of how likely a spring of which nothing is known ends at a support.
     """
 
     candidate: Candidate
-    surprise: float
+    coincidence: float
 
 
 def supports_at(

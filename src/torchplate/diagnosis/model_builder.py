@@ -12,8 +12,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.diagnosis.candidate import Candidate
-from torchplate.diagnosis.held_edges import held_again, held_edges, on_springs
+from torchplate.diagnosis.candidates.candidate import Candidate
+from torchplate.diagnosis.candidates.held_edges import held_again, held_edges, on_springs
 from torchplate.diagnosis.rebuilding import known_values, rebuilt, searched, with_numbers
 from torchplate.diagnosis.target import FrfTarget, Target
 from torchplate.model import PlateModel
@@ -45,7 +45,7 @@ class Fineness(NamedTuple):
 SEARCHING, SETTLING = Fineness(256, 0.02, 3e-5, 1.0), Fineness(576, 0.01, 1e-5, 0.5)
 
 
-class Workbench:
+class ModelBuilder:
     """Builds models of one plate and counts what they cost.
 
     Args:
@@ -92,7 +92,7 @@ class Workbench:
             ValueError: if that one is on another mesh.
         """
         if near.mesh != self.mesh:
-            raise ValueError(f"Expected a model on {self.mesh}, got one on {near.mesh}. Take one of this bench.")
+            raise ValueError(f"Expected a model on {self.mesh}, got one on {near.mesh}. Take one of this builder.")
         return on_mesh(model, near.assembly)
 
     def finished(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> PlateModel:
@@ -122,7 +122,7 @@ class Workbench:
         """Let the target weigh its lines by what this mesh leaves of its error.
 
         Args:
-            found: a model of this bench, with natural frequencies and their errors.
+            found: a model of this builder, with natural frequencies and their errors.
         """
         if not isinstance(self.target, FrfTarget):
             return

@@ -17,10 +17,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.diagnosis.candidate import Candidate, distance, vector
+from torchplate.diagnosis.candidates.candidate import Candidate, distance, vector
 from torchplate.diagnosis.fit import Prior, Problem
-from torchplate.diagnosis.null import falls
-from torchplate.diagnosis.workbench import Workbench, with_candidate
+from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
+from torchplate.diagnosis.selection.null import falls
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
 
@@ -57,7 +57,7 @@ class Scored(NamedTuple):
 
 
 def screen(
-    bench: Workbench,
+    builder: ModelBuilder,
     base: PlateModel,
     theta: Float[Tensor, " n_parameter"],
     everyone: Sequence[Candidate],
@@ -68,7 +68,7 @@ def screen(
     """Score all candidates, the most promising first.
 
     Args:
-        bench: what evaluates them.
+        builder: what evaluates them.
         base: the baseline in a basis that the candidates share.
         theta: its fitted parameters.
         everyone: the candidates.
@@ -77,8 +77,8 @@ def screen(
             by small steps.
         draws: residuals at the sharp level that chance makes, to be scored too.
     """
-    level = bench.target.levels - 1 if near else min(LEVEL, bench.target.levels - 1)
-    here = Problem(bench, base, prior)
+    level = builder.target.levels - 1 if near else min(LEVEL, builder.target.levels - 1)
+    here = Problem(builder, base, prior)
     position = base.space.to_cube(theta)
     plain = here.predict(theta, level)
     residual = here.deviations(plain, theta, level)
@@ -109,13 +109,13 @@ def screen(
         model = with_candidate(base, label, candidate)
         trials = candidate.near if near else candidate.far
         with torch.no_grad():
-            exchanged = bench.target.rearranged(plain, base, candidate.effect, level)
+            exchanged = builder.target.rearranged(plain, base, candidate.effect, level)
             if exchanged is not None:
                 there = here.deviations(exchanged, theta, level)[None]
-                bench.n_evaluation += 1
+                builder.n_evaluation += 1
             else:
                 members = _members(model, theta, base, [trial.values for trial in trials], label)
-                there = Problem(bench, model, prior).residual(model.space.to_cube(members), level)
+                there = Problem(builder, model, prior).residual(model.space.to_cube(members), level)
         whole = residual - there
         change = free(whole)
         size = change.square().sum(-1).clamp(min=1e-280)
