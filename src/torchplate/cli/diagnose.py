@@ -78,6 +78,7 @@ def diagnose(
         tolerance=tolerances(recipe),
         n_average=evidence.n_average,
         gain_is_unknown=evidence.gain_is_unknown,
+        imperfections=recipe.imperfections(),
         seed=recipe.config.search.seed,
         say=lambda text: console.print(f"  {text}", style="dim", highlight=False),
     )

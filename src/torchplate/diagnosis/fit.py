@@ -14,8 +14,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.target import DOUBTFUL, Misfit, Target
+from torchplate.diagnosis.settings import Comparison
+from torchplate.diagnosis.target import DOUBTFUL, TableNoise, Target
+from torchplate.discrepancy.marginal import Judged, Marginal
 from torchplate.model import PlateModel
+from torchplate.search.jacobian import JACOBIANS
 from torchplate.search.least_squares import least_squares
 
 # Iterations at the wide levels, where it is enough to see which starts lead somewhere; and at the sharp one.
@@ -31,19 +34,24 @@ TOLD_PART = 0.05
 
 
 class Fit(NamedTuple):
-    """A fitted model.
+    """A fitted model, and what it was judged by.
 
     Attributes:
         model: in all dofs, its mesh error taken off at the end.
         reduced: in the basis of the end.
         theta: its searched parameters in SI units.
-        covariance: of theta, from the noise; NaN where a parameter is not seen.
+        covariance: of theta, noise and nuisances as large as they were found; NaN where a parameter is not seen.
         prediction: of the target.
-        misfit: sums of squares there, and those of the prior.
+        judged: its residuals on what the fit saw.
         prior: what the tolerances add to the sum of squares.
         gap: over all that was measured.
+        marginal: noise and nuisances beside it.
+        information: of the data on theta, on the unit cube.
+        told: inverse variance of what is known of each parameter beforehand, on the unit cube.
+        n_on_bound: parameters that sit on the edge of their intervals.
         by_noise: whether residuals were weighed by the noise, and not by what the model as such leaves.
-        n_told: parameters that something is known of beforehand.
+        n_modal: numbers that what is left says, where it is not noise.
+        comparison: by which it is compared with others.
     """
 
     model: PlateModel
@@ -51,30 +59,31 @@ class Fit(NamedTuple):
     theta: Float[Tensor, " n_parameter"]
     covariance: Float[Tensor, "n_parameter n_parameter"]
     prediction: Tensor
-    misfit: Misfit
+    judged: Judged
     prior: float
     gap: float
+    marginal: Marginal | TableNoise
+    information: Float[Tensor, "n_parameter n_parameter"]
+    told: Float[Tensor, " n_parameter"]
+    n_on_bound: int = 0
     by_noise: bool = True
-    n_told: int = 0
+    n_modal: float = 2.0
+    comparison: Comparison = Comparison()
 
     @property
     def reduced_misfit(self) -> float:
-        """Mean square of all residuals over their variance: 1 where nothing but noise is left."""
-        total = self.misfit.n_fitted + self.misfit.n_heldout
-        return float(self.misfit.fitted + self.misfit.heldout) / max(1.0, total)
+        """Mean square of the residuals over noise and nuisances as large as was said: 1 where nothing else is left."""
+        return self.judged.white
+
+    @property
+    def square(self) -> float:
+        """Their sum of squares."""
+        return self.judged.white * self.judged.n
 
     @property
     def cost(self) -> float:
-        """Everything that speaks against it: fitted and held-out residuals, and tolerances broken.
-
-        Twice the negative logarithm of the likelihood: at the noise as it is; or, where the model is doubted, at the
-        one level of what it leaves that is likeliest, n ln(SSR / n).
-        """
-        square = float(self.misfit.fitted + self.misfit.heldout)
-        if self.by_noise:
-            return square + self.prior
-        total = self.misfit.n_fitted + self.misfit.n_heldout
-        return total * (1 + math.log(max(square, 1e-300) / total)) + self.prior
+        """−2 ln of the likelihood times what is known beforehand, up to a constant of the measurement."""
+        return self.judged.cost + self.prior
 
 
 Prior = Mapping[str, tuple[float, float]]
@@ -87,10 +96,13 @@ class Problem:
         builder: what evaluates it.
         model: whose searched parameters are fitted, in a basis.
         prior: "label.parameter" → mean and standard deviation.
+        marginal: noise and nuisances, for the sharp level.
     """
 
-    def __init__(self, builder: ModelBuilder, model: PlateModel, prior: Prior) -> None:
-        self.builder, self.model = builder, model
+    def __init__(
+        self, builder: ModelBuilder, model: PlateModel, prior: Prior, marginal: Marginal | TableNoise | None = None
+    ) -> None:
+        self.builder, self.model, self.marginal = builder, model, marginal
         self._roughly = model.without_coupling()
         known = [(model.names.index(name), *told) for name, told in prior.items() if name in model.names]
         self._index = [index for index, _, _ in known]
@@ -125,7 +137,11 @@ class Problem:
         whatever the noise.
         """
         sharp = level == self.target.levels - 1
-        found = self.target.residual(prediction, level)
+        if sharp:
+            assert self.marginal is not None
+            found = self.marginal.whitened(self.marginal.over_noise(self.target.off(prediction)))
+        else:
+            found = self.target.residual(prediction, level)
         if not self._index or (not sharp and self.target.trusts_the_noise):
             return found
         # Where the level of what is left is not known, it scales what is known beforehand.
@@ -202,7 +218,7 @@ def fit(
         hopeless: sum of squares of the fitted residuals beyond which the first basis is the last.
         near: much the same model, whose mesh error is taken off: what is taken off there does for the first basis.
     """
-    prior = prior or {}
+    prior, target = prior or {}, builder.target
     if not model.names:
         return _unfitted(builder, model)
     position = start[0]
@@ -215,11 +231,12 @@ def fit(
         elif turn == (near is not None):
             corrected = builder.corrected(model, theta)[0]
         reduced = builder.reduced(corrected, theta[None])
-        problem = Problem(builder, reduced, prior)
         starts = start if turn == 0 else position[None]
-        if turn == 0 and wide and builder.target.levels > 1:
-            starts, _ = widely(problem, starts, keep=2)
-        places, values, jacobian = problem.descend_sharply(starts)
+        if turn == 0 and wide and target.levels > 1:
+            starts, _ = widely(Problem(builder, reduced, prior), starts, keep=2)
+        marginal = target.marginal(reduced, model.space.to_si(starts[0]))
+        problem = Problem(builder, reduced, prior, marginal)
+        places, values, _ = problem.descend_sharply(starts)
         best = int(values.argmin())
         before, value = value, float(values[best])
         moved = (places[best] - position).abs().max()
@@ -229,25 +246,53 @@ def fit(
         if 2 * value > hopeless or (float(moved) < 1e-6 and not borrowed):
             break
     if problem.knows and 2 * value <= hopeless:
-        places, _, jacobian = problem.descend(position[None], builder.target.levels - 1, N_SHARP, FREE)
-        position, best = places[0], 0
-    theta = model.space.to_si(position)
+        places, _, _ = problem.descend(position[None], target.levels - 1, N_SHARP, FREE)
+        position = places[0]
+    return _judged(builder, corrected, reduced, prior, position)
+
+
+def _judged(builder: ModelBuilder, model: PlateModel, reduced: PlateModel, prior: Prior, position: Tensor) -> Fit:
+    """A fitted model with noise and nuisances as they are where it ended."""
+    target, theta = builder.target, model.space.to_si(position)
+    marginal = target.marginal(reduced, theta)
     prediction = builder.predict(reduced, theta)
-    misfit = builder.target.misfit(prediction)
-    covariance = _covariance(jacobian[best], model, position, max(1.0, 2 * value / max(1.0, misfit.n_fitted)))
+    judged = marginal.judge(marginal.over_noise(target.off(prediction)))
+    problem = Problem(builder, reduced, prior, marginal)
+
+    def over_noise(where: Tensor) -> Tensor:
+        off = target.off(builder.predict(reduced, reduced.space.to_si(where)))
+        return marginal.over_noise(off)
+
+    n = len(model.names)
+    if n:
+        here = over_noise(position)
+        jacobian = JACOBIANS["forward"].differentiate(over_noise, position[None], here[None])[0]
+        information = marginal.precision(jacobian.mT, judged)
+    else:
+        information = position.new_zeros(0, 0)
+    slope = _slope(model, position)
+    known = torch.zeros(n, dtype=position.dtype)
+    for name, (_, std) in prior.items():
+        if name in model.names:
+            index = model.names.index(name)
+            known[index] = (slope[index] / std) ** 2
     told = problem.told(theta)
-    by_noise, gap = builder.target.trusts_the_noise, builder.target.whole_gap(prediction)
     return Fit(
-        corrected,
+        model,
         reduced,
         theta,
-        covariance,
+        _covariance(information, known, slope),
         prediction,
-        misfit,
+        judged,
         float(told.square().sum()),
-        gap,
-        by_noise,
-        len(told),
+        target.whole_gap(prediction),
+        marginal,
+        information,
+        known,
+        int(model.space.at_bound(theta).sum()) if n else 0,
+        target.trusts_the_noise,
+        target.n_modal,
+        target.settings.comparison,
     )
 
 
@@ -255,24 +300,23 @@ def _unfitted(builder: ModelBuilder, model: PlateModel) -> Fit:
     """A model of numbers alone."""
     theta = model.known.new_zeros(0)
     corrected = builder.corrected(model, theta).model
-    reduced = builder.reduced(corrected, theta[None])
-    prediction = builder.predict(reduced, theta)
-    misfit, by_noise = builder.target.misfit(prediction), builder.target.trusts_the_noise
-    gap = builder.target.whole_gap(prediction)
-    return Fit(corrected, reduced, theta, theta.new_zeros(0, 0), prediction, misfit, 0.0, gap, by_noise)
+    return _judged(builder, corrected, builder.reduced(corrected, theta[None]), {}, theta)
 
 
-def _covariance(jacobian: Tensor, model: PlateModel, position: Tensor, scale: float) -> Tensor:
-    """Of theta in SI units, at noise `scale` times as strong; NaN where the data say nothing."""
-    if not len(model.names):
-        return jacobian.new_zeros(0, 0)
+def _slope(model: PlateModel, position: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """SI units for a unit of the cube."""
     step = 1e-6
-    slope = (model.space.to_si(position + step) - model.space.to_si(position - step)) / (2 * step)
-    norm = jacobian.norm(dim=0)
-    seen = norm > 1e-9 * norm.max().clamp(min=1e-300)
-    scaled = jacobian[:, seen] / norm[seen]
-    inverse = torch.linalg.pinv(scaled.mT @ scaled, hermitian=True, rtol=1e-10) * scale
-    whole = jacobian.new_full((len(norm), len(norm)), torch.nan)
+    return (model.space.to_si(position + step) - model.space.to_si(position - step)) / (2 * step)
+
+
+def _covariance(information: Tensor, known: Tensor, slope: Tensor) -> Tensor:
+    """Of theta in SI units; NaN where neither the data nor anything else says something."""
+    precision = information + torch.diag(known)
+    norm = precision.diagonal().clamp(min=0.0).sqrt()
+    seen = norm > 1e-9 * norm.max().clamp(min=1e-300) if len(norm) else norm > 0
+    scaled = precision[seen][:, seen] / norm[seen] / norm[seen][:, None]
+    inverse = torch.linalg.pinv(scaled, hermitian=True, rtol=1e-10)
+    whole = precision.new_full(precision.shape, torch.nan)
     side = slope[seen] / norm[seen]
     whole[seen[:, None] & seen] = (inverse * side[:, None] * side).flatten()
     return whole

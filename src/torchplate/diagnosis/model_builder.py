@@ -4,6 +4,7 @@ Every hypothesis is the baseline with one more effect. Those that are screened s
 that are refitted get a basis of their own, from the modes where they start and where they are, built anew as they move.
 """
 
+import copy
 import dataclasses
 import math
 from typing import NamedTuple
@@ -60,8 +61,8 @@ class ModelBuilder:
         self, model: PlateModel, target: Target, as_given: bool = False, fineness: Fineness = SEARCHING
     ) -> None:
         self.target, self.as_given, self.fineness = target, as_given, fineness
-        self.n_evaluation = 0
-        self.held = held_edges(model)
+        self._count = [0]
+        self.held, self.plain = held_edges(model), model
         model = model if as_given else on_springs(model)
         self.mesh = model.mesh if as_given else working_mesh(model.mesh, fineness.least)
         self._assembly = Assembly(self.mesh, dense=False).to(model.known)
@@ -69,6 +70,15 @@ class ModelBuilder:
         self.top = float(target.frequency.max()) if isinstance(target, FrfTarget) else 0.0
         self.n_mode = 0 if isinstance(target, FrfTarget) else int(target.mode.max()) + 1  # type: ignore[attr-defined]
         self.given = self.adopt(model)
+
+    @property
+    def n_evaluation(self) -> int:
+        """FRFs of members evaluated so far, for whatever target."""
+        return self._count[0]
+
+    def count(self, n: int) -> None:
+        """So many more."""
+        self._count[0] += n
 
     def adopt(self, model: PlateModel) -> PlateModel:
         """A model on the working mesh, in all dofs."""
@@ -115,22 +125,29 @@ class ModelBuilder:
         self, model: PlateModel, theta: Float[Tensor, "*batch n_parameter"], level: int | None = None
     ) -> Tensor:
         """What a model says of the target; at a level, of what is looked at there."""
-        self.n_evaluation += theta.shape[:-1].numel()
+        self.count(theta.shape[:-1].numel())
         return self.target.predict(model, theta, level)
 
-    def expect_mesh_error(self, found: Extrapolated) -> None:
-        """Let the target weigh its lines by what this mesh leaves of its error.
+    def expecting(self, found: Extrapolated) -> "ModelBuilder":
+        """The same, its target weighed by what this mesh leaves of its error.
 
         Args:
             found: a model of this builder, with natural frequencies and their errors.
         """
         if not isinstance(self.target, FrfTarget):
-            return
+            return self
         worst = found.error.abs().cummax(0).values
         line = self.target.frequency.to(found.frequency)
         at = torch.searchsorted(found.frequency.contiguous(), line).clamp(max=len(worst) - 1)
         shift = self.fineness.shift + self.fineness.part * worst[at]
-        self.target.set_model_error(shift, self.fineness.shape, found.frequency)
+        in_band = int((found.frequency <= self.top).sum())
+        return self.against(self.target.with_mesh_error(shift, self.fineness.shape, in_band))
+
+    def against(self, target: Target) -> "ModelBuilder":
+        """The same beside another target; meshes are shared."""
+        twin = copy.copy(self)
+        twin.target = target
+        return twin
 
 
 def working_mesh(mesh: Mesh, least: int) -> Mesh:

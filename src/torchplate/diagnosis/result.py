@@ -26,15 +26,19 @@ class Estimate:
         value: in SI units.
         std: standard error from the noise; None where these data do not see it.
         unit: SI unit, "-" for none.
+        low: lower end of the 90 % interval of the same posterior; None where these data do not see it.
+        high: upper end.
     """
 
     value: float
     std: float | None
     unit: str
+    low: float | None = None
+    high: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
-        return {"value": self.value, "std": self.std, "unit": self.unit}
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,8 @@ class Gap:
         heldout_baseline: on the FRFs that no fit saw; None where there is a single FRF.
         heldout_final: likewise.
         noise_floor: what the noise alone makes it, from the measurement alone.
+        expected: what noise and the imperfections of the test, as large as was said, together make it beside the last
+            model; None where that was not asked.
     """
 
     baseline: float
@@ -95,6 +101,7 @@ class Gap:
     heldout_baseline: float | None
     heldout_final: float | None
     noise_floor: float
+    expected: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""

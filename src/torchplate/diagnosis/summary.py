@@ -5,18 +5,13 @@ from collections.abc import Mapping, Sequence
 
 import torch
 
+from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.fit import Fit, Prior
 from torchplate.diagnosis.localise import localise
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Location, Named, Overlay, Scored, Step, Verdict
-from torchplate.diagnosis.selection.criterion import (
-    LEAST_FALL,
-    LEAST_PART,
-    Hypothesis,
-    confidence_in_the_end,
-    is_explained,
-)
+from torchplate.diagnosis.selection.criterion import Hypothesis, evidence, excessive, is_explained, weight_of
 from torchplate.diagnosis.selection.screen import twins
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
 from torchplate.diagnosis.target import FrequencyTarget, FrfTarget
@@ -25,8 +20,21 @@ from torchplate.model import PlateModel
 
 # A number that ends so many standard deviations from what is known of it is remarked.
 BROKEN = 3.0
+# What the nuisances are called.
+NUISANCES = {
+    "position_std": "hits and sensors off their marks",
+    "calibration_std": "errors of calibration",
+    "frequency_drift": "a drift of the natural frequencies",
+    "damping_scatter": "a scatter of the modes' damping",
+    "thickness": "a thickness that wanders over the plate",
+    "modulus": "a modulus that wanders over the plate",
+    "grain": "a grain",
+    "mesh": "an error of the mesh",
+}
 # Modes that are named where a table is left unexplained.
 N_WORST = 4
+# Of the standard normal distribution, at 95 %.
+QUANTILE = 1.645
 
 
 def summarise(seen: Trace, seconds: float) -> Diagnosis:
@@ -73,24 +81,25 @@ def _finer_mesh(seen: Trace) -> tuple[Named, ...]:
     if builder.mesh.extrapolate:
         # It is mended already.
         return ()
-    fall = given.cost - baseline.cost
-    if not baseline.by_noise or fall < LEAST_FALL or fall < LEAST_PART * given.cost:
+    weight = weight_of([given, baseline])
+    settings = baseline.comparison
+    # As probable beforehand as any one effect.
+    odds = 2 * math.log((1 - settings.missing) / (settings.missing / len(nameable())))
+    if not baseline.by_noise or evidence(given, weight) - evidence(baseline, weight) < odds:
         return ()
     before, after = (float(builder.target.gap(one.prediction)) for one in (given, baseline))
     cells = " × ".join(str(cell) for cell in builder.mesh.cells)
     if after < before:
         shown = f"gap is {_percent(after)} instead of {_percent(before)}"
     else:
-        shown = (
-            f"misfit is {baseline.reduced_misfit:.3g} times what noise explains, not {given.reduced_misfit:.3g} times"
-        )
+        shown = f"misfit is {baseline.reduced_misfit:.3g} times what noise and nuisances explain, not {given.reduced_misfit:.3g} times"
     text = f"On {cells} elements, with the error of the natural frequencies extrapolated, the fitted model's {shown}."
     options = {"refine": seen.final.fit.model.mesh.refine // given.model.mesh.refine, "extrapolate": True}
     return (Named("mesh_discretisation", "mesh_discretisation", options, (), 0.99, {}, text, before, after),)
 
 
 def _verdict(builder: ModelBuilder, final: State) -> Verdict:
-    explained = is_explained(final.fit, builder.target, bool(final.named))
+    explained = is_explained(final.fit, builder.target)
     if not final.named:
         return "consistent" if explained else "unexplained"
     return "explained" if explained else "partly_explained"
@@ -120,7 +129,7 @@ def _named(builder: ModelBuilder, naming: Naming, last: State) -> Named:
         label=hypothesis.label,
         options=hypothesis.candidate.options,
         equivalent=equivalent,
-        confidence=round(confidence_in_the_end(naming.known, final, _followed(naming, last)), 3),
+        confidence=round(_confidence(naming, final, builder), 3),
         parameters=parameters,
         evidence=text,
         gap_before=before,
@@ -132,16 +141,19 @@ def _chance(naming: Naming) -> str:
     """What it takes beside what chance takes, where that was asked."""
     if naming.by_chance <= 0:
         return ""
-    fall = naming.before.cost - naming.hypothesis.cost
+    fall = naming.before.square - naming.hypothesis.fit.square
     return (
         f"; it takes {fall:.3g} from the sum of squares, of which the best of the catalogue takes "
         f"{naming.by_chance:.3g} once in a hundred times where nothing is missing"
     )
 
 
-def _followed(naming: Naming, last: State) -> bool:
-    """Whether other effects were named after it, and it was not judged again beside them."""
-    return naming.again is None and naming is not last.named[-1]
+def _confidence(naming: Naming, final: Fit, builder: ModelBuilder) -> float:
+    """Posterior probability of the set; of what the last model leaves unexplained it accounts for nothing."""
+    found = naming.known.confidence
+    if is_explained(final, builder.target):
+        return found
+    return found * max(0.0, 1 - final.gap / max(naming.before.gap, 1e-300))
 
 
 def _values(parameters: Mapping[str, Estimate], hypothesis: Hypothesis) -> str:
@@ -157,8 +169,20 @@ def _percent(part: float) -> str:
 def _estimates(fit: Fit) -> dict[str, Estimate]:
     found = {}
     std = fit.covariance.diagonal().clamp(min=0).sqrt().tolist()
-    for name, unit, value, one in zip(fit.model.names, fit.model.units, fit.theta.tolist(), std, strict=True):
-        found[name] = Estimate(value, None if math.isnan(one) else one, unit)
+    space = fit.model.space
+    ends = zip(space.low.tolist(), space.high.tolist(), strict=True)
+    rows = zip(fit.model.names, fit.model.units, fit.theta.tolist(), std, ends, space.logarithmic.tolist(), strict=True)
+    for name, unit, value, one, (lowest, highest), logarithmic in rows:
+        if math.isnan(one):
+            found[name] = Estimate(value, None, unit)
+            continue
+        if logarithmic and value > 0:
+            # The posterior is normal on the scale on which it was searched.
+            factor = math.exp(min(700.0, QUANTILE * one / value))
+            low, high = value / factor, value * factor
+        else:
+            low, high = value - QUANTILE * one, value + QUANTILE * one
+        found[name] = Estimate(value, one, unit, max(low, lowest), min(high, highest))
     return found
 
 
@@ -167,8 +191,16 @@ def _gap(builder: ModelBuilder, before: Fit, after: Fit) -> Gap:
         value = float(builder.target.gap(fit.prediction, heldout))
         return None if math.isnan(value) else value
 
+    expected = None
+    if isinstance(builder.target, FrfTarget):
+        expected = builder.target.expected_gap(after.marginal)
     return Gap(
-        one(before, False) or 0.0, one(after, False) or 0.0, one(before, True), one(after, True), builder.target.floor
+        one(before, False) or 0.0,
+        one(after, False) or 0.0,
+        one(before, True),
+        one(after, True),
+        builder.target.floor,
+        expected,
     )
 
 
@@ -261,8 +293,22 @@ def _missing(builder: ModelBuilder, noise: Noise | None, final: State, verdict: 
         final.fit.theta,
         target.heldout,
     )
-    size = f"A gap of {_percent(gap)} is left, {gap / max(noise.floor, 1e-300):.1f} times what noise explains."
-    return (size, *left.sentences)
+    expected = target.expected_gap(final.fit.marginal)
+    size = (
+        f"A gap of {_percent(gap)} is left, where noise alone makes {_percent(noise.floor)}, and noise and the "
+        f"imperfections of the test as large as was said make {_percent(expected)}."
+    )
+    return (size, *_would_take(final.fit), *left.sentences)
+
+
+def _would_take(fit: Fit) -> tuple[str, ...]:
+    """How large noise and nuisances would have to be to explain what is left."""
+    parts = [
+        f"{NUISANCES.get(name, name)} {scale:.1f} times as large as was said" for name, scale in excessive(fit).items()
+    ]
+    if fit.judged.noise_scale**2 > fit.comparison.noise_limit:
+        parts.append(f"noise {fit.judged.noise_scale:.1f} times as large as it was found to be")
+    return (f"To explain it without any effect would take {', and '.join(parts)}.",) if parts else ()
 
 
 def _remarks(noise: Noise | None, final: State, prior: Prior) -> tuple[str, ...]:
@@ -289,7 +335,7 @@ def _nothing_but_chance(seen: Trace) -> tuple[str, ...]:
         return ()
     look = seen.looks[0]
     best = min(look.hypotheses, key=lambda one: one.cost)
-    fall = max(0.0, seen.baseline.fit.cost - best.cost)
+    fall = max(0.0, seen.baseline.fit.square - best.fit.square)
     return (
         f"The best of the catalogue, {best.name}, would take {fall:.3g} from the sum of squares; where nothing is "
         f"missing, the best takes {look.by_chance:.3g} once in a hundred times.",

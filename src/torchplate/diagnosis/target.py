@@ -1,8 +1,9 @@
 """What the models are held against: measured FRFs or natural frequencies, and how far off noise alone would put them.
 
-Residuals come at several levels. At the sharp one each line is weighed by its noise, and by what is left of the mesh
-error: a relative shift s of a mode moves H by s · dH/d ln f, which stands beside the noise in the variance. At the wide
-ones the deviation is first smoothed along the frequency axis by the kernel of one mode,
+A target is frozen: another noise, mesh or choice of held-out FRFs is another target. Residuals come at several levels.
+At the sharp one they are those of `discrepancy.marginal`: each line over its noise, and the nuisances of a test, what
+the mesh leaves of its error among them, integrated out. At the wide ones the deviation is first smoothed along the
+frequency axis by the kernel of one mode,
 
     (F r)_i = Σ_j r_j Δω_j / (σ_i + i (ω_i − ω_j)),    σ_i = width · ω_i,
 
@@ -10,15 +11,20 @@ the same for model and measurement: what it makes small is what both would show 
 overlap attract each other, and the minimum is that of the sharp level where the model is right.
 """
 
+import copy
+import math
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from dataclasses import fields
 
 import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from torchplate.diagnosis.settings import DiagnosisSettings
+from torchplate.discrepancy.marginal import Judged, Marginal
+from torchplate.discrepancy.nuisance import Nuisances, nuisances
 from torchplate.effects import Effect
-from torchplate.measurement import Measurement, NaturalFrequencies
+from torchplate.measurement import PERFECT, Imperfections, Measurement, NaturalFrequencies
 from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel
 
@@ -40,20 +46,7 @@ SHAPE = (4e-4, 1.8e-3)
 AROUND = 0.08
 
 
-class Misfit(NamedTuple):
-    """How far a prediction is off, on what the fit saw and on what it did not.
-
-    Attributes:
-        fitted: sum of squares over the variance.
-        heldout: likewise; 0 where nothing is held out.
-        n_fitted: real numbers behind it.
-        n_heldout: likewise.
-    """
-
-    fitted: Float[Tensor, "*batch"]
-    heldout: Float[Tensor, "*batch"]
-    n_fitted: float
-    n_heldout: float
+SETTINGS = DiagnosisSettings()
 
 
 class Target(ABC):
@@ -63,15 +56,25 @@ class Target(ABC):
 
     # Whether residuals are weighed by the noise, and not by what the model as such leaves.
     trusts_the_noise: bool = True
+    # Numbers that what is left says, where it is not noise.
+    n_modal: float = 2.0
+    settings: DiagnosisSettings = SETTINGS
 
     @abstractmethod
-    def inflate_model_error(self, prediction: Tensor, n_mode: int) -> None:
-        """Weigh residuals by what no effect of the catalogue explains, where that is far above the noise.
+    def inflated(self, prediction: Tensor) -> "Target":
+        """The same, weighed by what no effect of the catalogue explains, where that is far above the noise.
 
         Args:
             prediction: of the baseline, whose mean square becomes `DOUBTFUL`.
-            n_mode: modes in the band.
         """
+
+    @abstractmethod
+    def marginal(self, model: PlateModel, theta: Tensor) -> "Marginal | TableNoise":
+        """Noise and nuisances beside a model, for its residuals at the sharp level."""
+
+    @abstractmethod
+    def off(self, prediction: Tensor) -> Tensor:
+        """What was measured less a prediction."""
 
     @abstractmethod
     def predict(self, model: PlateModel, theta: Tensor, level: int | None = None) -> Tensor:
@@ -90,11 +93,7 @@ class Target(ABC):
 
     @abstractmethod
     def residual(self, prediction: Tensor, level: int) -> Float[Tensor, "*batch n_residual"]:
-        """Deviations of a prediction for this level on the fitted part, as real numbers."""
-
-    @abstractmethod
-    def misfit(self, prediction: Tensor) -> Misfit:
-        """Sums of squares over the variance."""
+        """Deviations of a prediction for a wide level on the fitted part, as real numbers."""
 
     @abstractmethod
     def gap(self, prediction: Tensor, heldout: bool = False) -> Float[Tensor, "*batch"]:
@@ -118,6 +117,8 @@ class FrfTarget(Target):
         noise: its noise.
         heldout: FRFs that no fit is to see.
         gain_is_unknown: the level carries no unit: one factor for all FRFs is fitted to each prediction.
+        imperfections: of the test.
+        settings: what is taken for granted.
     """
 
     def __init__(
@@ -126,26 +127,45 @@ class FrfTarget(Target):
         noise: Noise,
         heldout: Bool[Tensor, "n_response n_reference"],
         gain_is_unknown: bool = False,
+        imperfections: Imperfections = PERFECT,
+        settings: DiagnosisSettings = SETTINGS,
     ) -> None:
         self.measurement, self.noise = measurement, noise
-        self.gain_is_unknown = gain_is_unknown
+        self.gain_is_unknown, self.imperfections, self.settings = gain_is_unknown, imperfections, settings
         self.frequency = measurement.frequency
         self.measured = measurement.frf
         self.levels = SHARP + 1
-        self.model_variance = torch.zeros_like(noise.std)
         self.independent = 1.0
-        self._around: Tensor | None = None
-        self._deflection_variance = torch.zeros_like(noise.std)
-        self._shift, self._mode = torch.zeros_like(self.frequency), torch.zeros(len(self.frequency), dtype=torch.int64)
+        self.model_variance = torch.zeros_like(noise.std)
+        self.mesh_shift = torch.zeros_like(self.frequency)
         self._every = max(1, len(self.frequency) // LEAST_SMOOTHED)
         smoothed = self.frequency[:: self._every]
         # As large as with all lines: a signal that is smoothed grows by the root of their number.
         more = self._every**0.5
         self._filters = [more * _kernel(smoothed, _centres(smoothed, width), width) for width in WIDTHS]
-        self.hold_out(heldout)
+        self._around = self._level_around()
+        self._hold_out(heldout)
 
-    def hold_out(self, heldout: Bool[Tensor, "n_response n_reference"]) -> None:
-        """Hold out these FRFs from now on."""
+    def _copy(self) -> "FrfTarget":
+        return copy.copy(self)
+
+    def holding_out(self, heldout: Bool[Tensor, "n_response n_reference"]) -> "FrfTarget":
+        """The same with these FRFs held out."""
+        twin = self._copy()
+        twin._hold_out(heldout)
+        return twin
+
+    def turned(self, sign: Float[Tensor, "n_response n_reference"]) -> "FrfTarget":
+        """The same with some FRFs read the other way round.
+
+        Args:
+            sign: 1 or −1 of each FRF.
+        """
+        twin = self._copy()
+        twin.measured = self.measured * sign
+        return twin
+
+    def _hold_out(self, heldout: Bool[Tensor, "n_response n_reference"]) -> None:
         self.heldout = heldout & self.measurement.measured
         self.fitted = self.measurement.measured & ~heldout
         self._scales = [self._level_scale(width) for width in WIDTHS]
@@ -166,59 +186,67 @@ class FrfTarget(Target):
         floor = 1e-3 * power.mean(0)
         return (self.fitted / (power + floor).sqrt().clamp(min=1e-300))[:: self._every]
 
-    def set_model_error(
-        self,
-        shift: Float[Tensor, " n_frequency"],
-        shape: float = 1.0,
-        modes: Float[Tensor, " n_mode"] | None = None,
-    ) -> None:
-        """Let what is left of the mesh error stand beside the noise.
+    def _level_around(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
+        """Mean square of each FRF around each line."""
+        power = self.measured.abs().square()
+        step = self.frequency.diff().median() if len(self.frequency) > 1 else self.frequency.new_ones(())
+        away = (self.frequency[:, None] - self.frequency) / (AROUND * self.frequency[:, None] + float(step))
+        weight = torch.exp(-0.5 * away.square())
+        return ((weight / weight.sum(-1, keepdim=True)) @ power.flatten(1)).unflatten(1, power.shape[1:])
+
+    def with_mesh_error(self, shift: Float[Tensor, " n_frequency"], shape: float, n_mode: int) -> "FrfTarget":
+        """The same with what is left of the mesh error: shifts of the modes among the nuisances, the rest as noise.
 
         Args:
-            shift: standard deviation of ln f at each line [-].
+            shift: standard deviation of ln f of the modes at each line [-].
             shape: the part of `SHAPE` that this mesh leaves [-].
-            modes: natural frequencies, each of which shifts as one [Hz]; left out, all lines shift alike.
+            n_mode: modes in the band.
         """
-        middle = None if modes is None else 0.5 * (modes[1:] + modes[:-1]).to(self.frequency)
-        self._shift = shift
-        self._mode = torch.zeros(len(shift), dtype=torch.int64)
-        if middle is not None:
-            self._mode = torch.searchsorted(middle.contiguous(), self.frequency)
-        step = self.frequency.diff()[:, None, None]
-        slope = (self.measured.diff(dim=0) / step).abs()
-        edge = slope.new_zeros(1, *slope.shape[1:])
-        # The steeper side: a peak may stand between two lines.
-        steepest = torch.maximum(torch.cat([edge, slope]), torch.cat([slope, edge])).maximum(self.noise.slope)
-        moved = steepest * (self.frequency * shift)[:, None, None]
-        power = self.measured.abs().square()
-        away = (self.frequency[:, None] - self.frequency) / (AROUND * self.frequency[:, None] + float(step.median()))
-        weight = torch.exp(-0.5 * away.square())
-        around = ((weight / weight.sum(-1, keepdim=True)) @ power.flatten(1)).unflatten(1, power.shape[1:])
+        twin = self._copy()
+        twin.mesh_shift = shift
         part = SHAPE[0] + (SHAPE[1] - SHAPE[0]) * (self.frequency / self.frequency[-1])[:, None, None]
-        rounding, part = ROUNDING * shape, part * shape
-        self._deflection_variance = 0.5 * (rounding**2 * power + part.square() * around)
-        self.model_variance = 0.5 * moved.square() + self._deflection_variance
-        self._around = around
+        power = self.measured.abs().square()
+        twin.model_variance = 0.5 * ((ROUNDING * shape) ** 2 * power + (part * shape).square() * self._around)
+        # Of each mode a frequency and a damping, and a deflection at each FRF.
+        twin.n_modal = 2.0 * max(1, n_mode) * (1 + int(self.measurement.measured.sum()))
+        return twin
 
-    def inflate_model_error(self, prediction: Tensor, n_mode: int) -> None:
-        """Weigh residuals by what no effect of the catalogue explains, where that is far above the noise.
+    def inflated(self, prediction: Tensor) -> "FrfTarget":
+        """The same, weighed by what no effect of the catalogue explains, where that is far above the noise.
 
         A real plate is never quite the model. What is left of it then is not independent from line to line: an FRF says
         about two numbers of each mode in the band, and one FRF more than there are says where they come from. The
         model's error is a part of the level around each line.
         """
-        assert self._around is not None
-        self.trusts_the_noise = False
-        known = self.model_variance
+        twin = self._copy()
+        twin.trusts_the_noise = False
         low, high = 1e-4, 10.0
+        square = self.off(prediction).abs().square()[..., self.fitted]
         for _ in range(40):
             part = (low * high) ** 0.5
-            self.model_variance = known + 0.5 * part**2 * self._around
-            square = self.misfit(prediction)
-            above = float(square.fitted) > DOUBTFUL * square.n_fitted
+            twin.model_variance = self.model_variance + 0.5 * part**2 * self._around
+            above = float((square / twin.variance[..., self.fitted]).mean()) > 2 * DOUBTFUL
             low, high = (part, high) if above else (low, part)
-        count = 2 * len(self.frequency) * int(self.fitted.sum())
-        self.independent = min(1.0, 2 * n_mode * (1 + int(self.fitted.sum())) / count)
+        twin.independent = min(1.0, self.n_modal / (2 * len(self.frequency) * int(self.fitted.sum())))
+        return twin
+
+    def marginal(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Marginal:
+        """Noise and nuisances beside a model, with the gain that it has where the level carries no unit."""
+        freedom = dict.fromkeys(("mesh",), math.inf)
+        told = self.settings.knowledge.told
+        freedom |= {field.name: told for field in fields(Imperfections) if self.imperfections.told(field.name)}
+        if not self.trusts_the_noise:
+            return Marginal(self.variance / self.independent, None, self.fitted, freedom, self.settings.knowledge)
+        found = nuisances(model, theta, self.frequency, self.imperfections, self.settings.wandering, self.mesh_shift)
+        if self.gain_is_unknown:
+            gain = float(self._gain(self.measured, model.frf(theta, self.frequency)))
+            common, own, other = (gain * part for part in found[:3])
+            found = Nuisances(common, own, other, found.group, gain**2 * found.remainder)
+        return Marginal(self.variance + found.remainder, found, self.fitted, freedom, self.settings.knowledge)
+
+    def off(self, prediction: Tensor) -> Tensor:
+        """What was measured less a prediction."""
+        return self.measured - prediction
 
     @property
     def variance(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
@@ -242,51 +270,26 @@ class FrfTarget(Target):
 
     def _at_level_of(self, measured: Tensor, found: Tensor) -> Tensor:
         """FRFs times one factor, where the measurement's level is unknown."""
-        if self.gain_is_unknown:
-            weight = torch.where(self.fitted, 1 / measured.abs().square().sum(0).clamp(min=1e-300), 0.0)
-            above = (weight * (found.conj() * measured).real).sum((-3, -2, -1))
-            below = (weight * found.abs().square()).sum((-3, -2, -1))
-            found = found * (above / below.clamp(min=1e-300))[..., None, None, None]
-        return found
+        return found * self._gain(measured, found)[..., None, None, None] if self.gain_is_unknown else found
+
+    def _gain(self, measured: Tensor, found: Tensor) -> Tensor:
+        weight = torch.where(self.fitted, 1 / measured.abs().square().sum(0).clamp(min=1e-300), 0.0)
+        above = (weight * (found.conj() * measured).real).sum((-3, -2, -1))
+        below = (weight * found.abs().square()).sum((-3, -2, -1))
+        return above / below.clamp(min=1e-300)
 
     def residual(self, prediction: Tensor, level: int) -> Tensor:
-        """Deviations of the fitted FRFs: smoothed, or over their standard deviation at the sharp level."""
-        if level == SHARP:
-            return self._weighed(self.measured - prediction)
+        """Deviations of the fitted FRFs, smoothed."""
         off = self.measured[:: self._every] - prediction
         kept = self._filters[level].to(off) @ ((off * self._scales[level])[..., self.fitted] @ self._mix)
         return torch.view_as_real(kept).flatten(-3)
 
-    def _weighed(self, off: Tensor) -> Tensor:
-        kept = (off * (self.independent / self.variance).sqrt())[..., self.fitted]
-        return torch.view_as_real(kept).flatten(-3)
-
-    def by_chance(self, prediction: Tensor, n: int, generator: torch.Generator) -> Float[Tensor, "{n} n_residual"]:
-        """Residuals at the sharp level where noise and the mesh are all that is off: each mode moves as one.
-
-        Args:
-            prediction: of what is taken for the truth.
-            n: how many.
-            generator: of random numbers.
-        """
-        parts = torch.randn(n, *prediction.shape, 2, generator=generator, dtype=self.frequency.dtype)
-        scatter = torch.view_as_complex(parts) * (self.noise.std.square() + self._deflection_variance).sqrt()
-        slope = torch.gradient(prediction, spacing=(self.frequency,), dim=0)[0]
-        moved = slope * (self.frequency * self._shift)[:, None, None]
-        by_mode = torch.randn(n, int(self._mode.max()) + 1, generator=generator, dtype=self.frequency.dtype)
-        return self._weighed(scatter + by_mode[:, self._mode, None, None] * moved)
-
-    def misfit(self, prediction: Tensor) -> Misfit:
-        """Sums of squares over the variance."""
-        square = (self.measured - prediction).abs().square() * (self.independent / self.variance)
-        count = 2 * len(self.frequency) * self.independent
-        held = self.heldout & self.measurement.measured
-        return Misfit(
-            square[..., self.fitted].sum((-2, -1)),
-            square[..., held].sum((-2, -1)),
-            float(count * int(self.fitted.sum())),
-            float(count * int(held.sum())),
-        )
+    def expected_gap(self, marginal: "Marginal | TableNoise") -> float:
+        """What noise and nuisances, as large as was said, together make the gap of the fitted FRFs."""
+        assert isinstance(marginal, Marginal)
+        size = self.measured.abs().square().sum(0).clamp(min=1e-300)
+        each = (marginal.power().sum(0) / size).sqrt()
+        return float(each[self.fitted].mean())
 
     def gap(self, prediction: Tensor, heldout: bool = False) -> Tensor:
         """Mean over FRFs of ‖measured − model‖ / ‖measured‖."""
@@ -324,11 +327,21 @@ class FrequencyTarget(Target):
         self._noise = std if table.std is None else torch.where(table.std > 0, table.std, std)
         self.std = self._noise
 
-    def inflate_model_error(self, prediction: Tensor, n_mode: int) -> None:  # noqa: ARG002
+    def inflated(self, prediction: Tensor) -> "FrequencyTarget":
         """All standard deviations grow alike."""
-        self.trusts_the_noise = False
-        square = self.misfit(prediction)
-        self.std = self.std * (float(square.fitted) / square.n_fitted / DOUBTFUL) ** 0.5
+        twin = copy.copy(self)
+        twin.trusts_the_noise = False
+        square = float(self.residual(prediction, 0).square().mean())
+        twin.std = self.std * (square / DOUBTFUL) ** 0.5
+        return twin
+
+    def marginal(self, model: PlateModel, theta: Tensor) -> "TableNoise":  # noqa: ARG002
+        """The standard deviations: a table has no nuisances of its own here."""
+        return TableNoise(self.std)
+
+    def off(self, prediction: Tensor) -> Tensor:
+        """What was measured less a prediction."""
+        return self.table.frequency - prediction
 
     def predict(self, model: PlateModel, theta: Tensor, level: int | None = None) -> Tensor:  # noqa: ARG002
         """The natural frequencies of the same modes [Hz]."""
@@ -337,11 +350,6 @@ class FrequencyTarget(Target):
     def residual(self, prediction: Tensor, level: int) -> Tensor:  # noqa: ARG002
         """Deviations over their standard deviation."""
         return (self.table.frequency - prediction) / self.std
-
-    def misfit(self, prediction: Tensor) -> Misfit:
-        """Sum of squares; nothing is held out."""
-        square = self.residual(prediction, 0).square().sum(-1)
-        return Misfit(square, torch.zeros_like(square), float(len(self.mode)), 0.0)
 
     def gap(self, prediction: Tensor, heldout: bool = False) -> Tensor:
         """Root mean square of the relative error."""
@@ -356,6 +364,31 @@ class FrequencyTarget(Target):
     def floor(self) -> float:
         """What the standard deviations alone make the gap."""
         return float((self._noise / self.table.frequency).square().mean().sqrt())
+
+
+class TableNoise:
+    """The scatter of a table, with the words of `Marginal`."""
+
+    def __init__(self, std: Float[Tensor, " n_mode"]) -> None:
+        self.std, self.n = std, float(len(std))
+
+    def over_noise(self, off: Float[Tensor, "*batch n_mode"]) -> Float[Tensor, "*batch n_mode"]:
+        """Residuals over their standard deviations."""
+        return off / self.std
+
+    def whitened(self, residual: Float[Tensor, "*batch n_mode"]) -> Float[Tensor, "*batch n_mode"]:
+        """As they are."""
+        return residual
+
+    def precision(self, rows: Float[Tensor, "n n_mode"], judged: Judged) -> Float[Tensor, "n n"]:  # noqa: ARG002
+        """Their products."""
+        return rows @ rows.mT
+
+    def judge(self, residual: Float[Tensor, " n_mode"]) -> Judged:
+        """The sum of squares."""
+        square = float(residual.square().sum())
+        white = square / self.n
+        return Judged(square, max(1e-9, white) ** 0.5, {}, white, self.n, residual.new_zeros(0))
 
 
 def _centres(frequency: Float[Tensor, " n_frequency"], width: float) -> Float[Tensor, " n_smooth"]:

@@ -40,7 +40,7 @@ def with_tolerances(model: PlateModel, tolerance: Mapping[str, float]) -> Held:
     """Let uncertain numbers move.
 
     Args:
-        model: with the numbers as they are by_noise.
+        model: with the numbers as they are believed.
         tolerance: "label.parameter", "mesh.length_x" or "mesh.length_y" → standard deviation in SI units.
 
     Raises:

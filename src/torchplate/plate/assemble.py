@@ -115,7 +115,7 @@ class Assembly(nn.Module):
 
     def _keep_elements(self) -> None:
         """What each element is in the basis, for each pattern: one half, since all are symmetric."""
-        rows = self._element_rows()
+        rows = self.element_rows()
         upper = torch.triu_indices(self.size, self.size, device=rows.device)
         position = torch.arange(upper.shape[1], device=rows.device)
         self.mirror = torch.zeros(self.size, self.size, dtype=torch.int64, device=rows.device)
@@ -311,13 +311,15 @@ class Assembly(nn.Module):
         return torch.from_numpy(found).to(self.basis)
 
     def _project(self, matrices: Float[Tensor, "*batch n_element 12 12"]) -> Float[Tensor, "*batch n n"]:
-        rows = self._element_rows()
+        rows = self.element_rows()
         # All elements in one product, so that no matrix of the basis' size is made for each of them.
         return rows.flatten(0, 1).mT @ (matrices @ rows).flatten(-3, -2)
 
-    def _element_rows(self) -> Float[Tensor, "n_element 12 n"]:
+    def element_rows(self) -> Float[Tensor, "n_element 12 n"]:
         """The basis at the dofs of each element; zero where they are held."""
-        assert self.basis is not None
+        if self.basis is None:
+            one = torch.eye(len(self.free) + 1, dtype=self.pattern.dtype, device=self.pattern.device)[:, :-1]
+            return one[self.position]
         return torch.cat([self.basis, self.basis.new_zeros(1, self.size)])[self.position]
 
 

@@ -21,11 +21,11 @@ from torchplate.plate.mesh import EDGES
 
 # Parts of the way from the neutral value to the end of the prior at which a candidate is tried.
 PARTS = (0.04, 0.15, 0.5, 1.0)
-# The same for what sits at a place; and where a tangent is wanted, with how far of the prior it is by_noise.
+# The same for what sits at a place; and where a tangent is wanted, with how far of the prior it is believed.
 AT_PLACE, TINY, REACH = 0.2, 1e-5, 0.3
 # Parts of a prior without a neutral value inside it.
 SPREAD = (0.1, 0.3, 0.5, 0.7, 0.9)
-# Multiples of a step, of either sign, for which a linear change is by_noise.
+# Multiples of a step, of either sign, for which a linear change is believed.
 BELIEVED = (-1.0, 2.5)
 # What the springs of a held edge are tried at, over the rigid ones.
 YIELDS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5)
@@ -43,6 +43,11 @@ MOST_MEMBERS, MOST_CORNERS, MOST_CHOICES = 60, 81, 400
 ON_NODE = 1e-4
 # Effects that are no candidates: the plate itself, and what is settled before anything is named.
 NEVER = frozenset({"plate", "support_spring", "mesh_discretisation"})
+
+
+def nameable() -> list[str]:
+    """Effects of the catalogue that may be named as missing."""
+    return [name for name in CATALOGUE if name not in NEVER]
 
 
 class Trial(NamedTuple):
@@ -262,7 +267,7 @@ def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], ta
             axes[key] = [_tangent(interval, neutral.get(key))]
         else:
             axes[key] = _steps(interval, neutral.get(key), at_place="x" in searched)
-    by_noise = (-REACH / TINY, REACH / TINY) if tangent else BELIEVED
+    believed = (-REACH / TINY, REACH / TINY) if tangent else BELIEVED
     if "x" in axes or (not tangent and math.prod(len(values) for values in axes.values()) <= MOST_MEMBERS):
         every = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
     else:
@@ -271,7 +276,7 @@ def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], ta
         if not tangent and 3 ** len(axes) <= MOST_CORNERS:
             corners = {key: [_between(searched[key], rest[key], end) for end in (0, None, 1)] for key in axes}
             every += [dict(zip(axes, values, strict=True)) for values in itertools.product(*corners.values())]
-    return [Trial(values, *by_noise) for values in every]
+    return [Trial(values, *believed) for values in every]
 
 
 def _between(interval: Searched, neutral: float, end: int | None) -> float:

@@ -1,42 +1,33 @@
-"""From fitted hypotheses to a name, the names that are as good, and how sure that is.
+"""By what hypotheses are compared: their marginal likelihood, and the posterior probabilities that follow.
 
-A hypothesis is judged by everything that speaks against it: squared residuals on fitted and on held-out FRFs over their
-variance (noise, and what is left of the mesh error), tolerances broken, and a penalty for each parameter. Differences
-count in units of the best one's own mean square where that is above 1: a model that leaves something unexplained knows
-less of what is small.
+A hypothesis is the model with one more effect. With θ on the unit cube, P the precision of its prior (12 for a uniform
+one, 1/σ² for what a ruler says) and A the information of the data, Laplace's approximation about the refit gives
+
+    −2 ln Z = w (−2 ln L) + Σ ((θ − μ)/σ)² + ln |P + wA| − ln |P|,
+
+L with the nuisances integrated out. w tempers the likelihood, because noise and nuisances are not known any better: n
+numbers count as n_eff = w n. Where noise is left, 1/n_eff = 1/n + ε; where more is left, the rest is not
+independent from line to line, and it says no more than there are frequencies, dampings and deflections of modes:
+
+    1/n_eff = (1 − u) (1/n + ε) + u / n_modal,    u = 1 − 1/κ² the part of what is left that is not noise.
+
+Sources: Tierney and Kadane, J. American Statistical Association 81 (1986) 82, for Laplace's approximation; Kass and
+Raftery, ibid. 90 (1995) 773, for Bayes factors; Miller and Dunson, ibid. 114 (2019) 1113, for tempering by what the
+model of the data is worth.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from torchplate.diagnosis.candidates.candidate import Candidate
+import torch
+
+from torchplate.diagnosis.candidates.candidate import Candidate, nameable
 from torchplate.diagnosis.fit import Fit
 from torchplate.diagnosis.target import FrfTarget, Target
 
-# What a parameter must take from the sum of squares to pay for itself.
-PENALTY = 8.0
-# Hypotheses closer than this to the best, or than this part of all that speaks against it, cannot be told from it: the
-# variance of the noise and of the mesh error is not known any better.
-EQUIVALENT, EQUIVALENT_PART = 14.0, 4e-3
-# An effect is taken where it takes more than chance does; where so much is left that this was not asked, this part of
-# all that speaks against the model; and at least so much.
-LEAST_PART, LEAST_FALL = 0.04, 60.0
-# The same where the model is doubted: independent numbers are few then; or it makes the gap so much smaller.
-LEAST_FALL_IN_DOUBT, HALVED = 8.0, 0.5
-# A doubted model counts as one that leaves so much.
-DOUBT = 20.0
-# Where little is left the gap must fall by this part of itself: what moves residuals about within the variance of the
-# model is no effect. Before that it need not: peaks that do not overlap make it 1 wherever they are.
-SMALLEST_STEP = 0.005
-# Held-out residuals may rise by this part of the whole fall; or by more, where the gap falls to this part of itself.
-HELD, LARGE_STEP = 0.05, 0.75
-# Mean square up to which nothing but noise is left.
-NOISE_ONLY = 1.08
-# A mean square that is little; the same where nothing was named, and the model is not doubted.
-LITTLE, VERY_LITTLE = 3.0, 1.35
-# A gap in noise floors that is at the floor: where something was named or the model is doubted, and where nothing was.
-AT_FLOOR, BELOW_FLOOR = 1.1, 1.0
+# Precision of a uniform prior on the unit cube.
+UNIFORM = 12.0
 
 
 @dataclass(frozen=True)
@@ -47,13 +38,15 @@ class Hypothesis:
         candidate: the effect.
         label: in the model.
         fit: of the model.
-        coincidence: what it costs that it ended where something of the model's own is already.
+        coincidence: −2 ln of how likely it is that it ended where something of the model's own is already.
+        n_option: choices of fixed options that the effect has here.
     """
 
     candidate: Candidate
     label: str
     fit: Fit
     coincidence: float = 0.0
+    n_option: int = 1
 
     @property
     def name(self) -> str:
@@ -61,24 +54,20 @@ class Hypothesis:
         return self.candidate.name
 
     @property
-    def penalty(self) -> float:
-        """Of its parameters; a choice among channels or edges is one, too, but not that of the edge that is held.
-
-        Where the model is doubted few numbers are independent, and each parameter of which nothing is known beforehand
-        costs more than the one before.
-        """
-        own = len(self.candidate.searched) + bool(self.candidate.options and not self.candidate.replaces)
-        if self.fit.by_noise:
-            return PENALTY * own
-        n = self.fit.misfit.n_fitted + self.fit.misfit.n_heldout
-        without = len(self.fit.theta) - self.fit.n_told - len(self.candidate.searched)
-        whole = penalty_of_few(n, without + own)
-        return whole if whole == math.inf else whole - penalty_of_few(n, without)
+    def prior(self) -> float:
+        """−2 ln of its prior probability, and of the coincidence."""
+        settings = self.fit.comparison
+        share = settings.missing * (1 - settings.beyond) / len(nameable()) / max(1, self.n_option)
+        return -2 * math.log(share) + self.coincidence
 
     @property
     def cost(self) -> float:
-        """What speaks against it."""
-        return self.fit.cost + self.penalty + self.coincidence
+        """−2 ln of likelihood and prior together, every number counted as one."""
+        return self.against(1.0)
+
+    def against(self, weight: float) -> float:
+        """−2 ln Z and of the prior probability, at a weight of the likelihood."""
+        return evidence(self.fit, weight) + self.prior
 
 
 @dataclass(frozen=True)
@@ -87,128 +76,116 @@ class Choice:
 
     Attributes:
         best: the one to name.
-        equivalent: names of the others that are as good.
-        next_best: the best of those that are not; None if there is none.
-        margin: by which that one is worse.
-        alike: by which an equivalent may be.
+        equivalent: names of the others of the smallest set that holds the credible probability.
+        next_best: the best of those outside the set; None if there is none.
+        confidence: posterior probability of the set.
+        probability: of each name.
     """
 
     best: Hypothesis
     equivalent: tuple[str, ...]
     next_best: Hypothesis | None
-    margin: float
-    alike: float = EQUIVALENT
+    confidence: float
+    probability: tuple[tuple[str, float], ...] = ()
 
     def holds(self, one: Hypothesis) -> bool:
-        """Whether a hypothesis is the best or as good."""
-        return abs(one.cost - self.best.cost) <= self.alike * _unit(self.best)
+        """Whether a hypothesis is the best, or one of a name that is in the set and as probable as such."""
+        settings = self.best.fit.comparison
+        near = -2 * math.log(1 - settings.credible)
+        weight = weight_of([self.best.fit])
+        return abs(one.against(weight) - self.best.against(weight)) <= near
 
 
-def _unit(best: Hypothesis) -> float:
-    """What differences count in: a model that leaves something unexplained knows less of what is small."""
-    return max(1.0, best.fit.reduced_misfit) if best.fit.by_noise else 1.0
+def evidence(fit: Fit, weight: float) -> float:
+    """−2 ln Z of a fitted model, up to a constant of the measurement."""
+    prior = torch.where(fit.told > 0, fit.told, UNIFORM)
+    occam = 0.0
+    if len(prior):
+        root = prior.rsqrt()
+        scaled = torch.eye(len(prior)).to(prior) + weight * root[:, None] * fit.information * root
+        occam = float(torch.linalg.slogdet(scaled).logabsdet)
+    on_bound = -2 * math.log(fit.comparison.on_bound) * fit.n_on_bound
+    return weight * fit.judged.cost + fit.prior + occam + on_bound
 
 
-def penalty_of_few(n: float, n_parameter: int) -> float:
-    """What parameters add to twice the negative logarithm of a likelihood of few numbers: 2 k n / (n − k − 1).
-
-    Source: Hurvich and Tsai, Biometrika 76 (1989) 297, the corrected information criterion.
-
-    Args:
-        n: independent numbers.
-        n_parameter: k; infinite where there are no fewer than n - 1.
-    """
-    room = n - n_parameter - 1
-    return 2 * n_parameter * n / room if room > 0 else math.inf
+def weight_of(fits: Sequence[Fit]) -> float:
+    """n_eff / n of the fit that leaves least."""
+    best = min(fits, key=lambda one: one.judged.noise_scale)
+    n = max(1.0, best.judged.n)
+    unexplained = max(0.0, 1 - 1 / max(1e-9, best.judged.noise_scale) ** 2)
+    independent = (1 - unexplained) * (1 / n + best.comparison.misspecified)
+    return min(1.0, 1 / (n * (independent + unexplained / best.n_modal)))
 
 
-def choose(hypotheses: Sequence[Hypothesis], best: Hypothesis | None = None) -> Choice:
-    """The best of some hypotheses, at least one, and its equivalents.
+def choose(hypotheses: Sequence[Hypothesis], none: Fit, best: Hypothesis | None = None) -> Choice:
+    """The best of some hypotheses, at least one, its equivalents, and how probable they are.
 
     Args:
         hypotheses: all of them.
-        best: the one to name; left out, it is the one that least speaks against, and where the model is doubted the
-            one that closes most of the gap among those that are as good.
+        none: the fit without any of them.
+        best: the one to name; left out, the most probable.
     """
-    ranked = sorted(hypotheses, key=lambda one: one.cost)
-    if best is None:
-        near = [one for one in ranked if one.cost - ranked[0].cost <= EQUIVALENT]
-        best = ranked[0] if ranked[0].fit.by_noise else min(near, key=lambda one: one.fit.gap, default=ranked[0])
-    unit = _unit(best)
-    alike = max(EQUIVALENT, EQUIVALENT_PART * best.cost / unit) if best.fit.by_noise else EQUIVALENT
-    equivalent, others = [], []
-    for other in ranked:
-        if other.name == best.name:
-            continue
-        if abs(other.cost - best.cost) / unit <= alike:
-            equivalent.append(other.name)
-        else:
-            others.append(other)
-    next_best = others[0] if others else None
-    margin = (others[0].cost - best.cost) / unit if others else math.inf
-    return Choice(best, tuple(dict.fromkeys(equivalent)), next_best, margin, alike)
+    settings = none.comparison
+    weight = weight_of([one.fit for one in hypotheses])
+    costs = {id(one): one.against(weight) for one in hypotheses}
+    ranked = sorted(hypotheses, key=lambda one: costs[id(one)])
+    best = best or ranked[0]
+    least = costs[id(ranked[0])]
+    odds: dict[str, float] = {}
+    for one in ranked:
+        odds[one.name] = odds.get(one.name, 0.0) + math.exp(-0.5 * (costs[id(one)] - least))
+    nothing = evidence(none, weight) - 2 * math.log(1 - settings.missing)
+    total = sum(odds.values())
+    whole = total / (1 - settings.beyond) + math.exp(min(700.0, -0.5 * (nothing - least)))
+    names = sorted(odds, key=lambda name: (name != best.name, -odds[name]))
+    chosen: list[str] = []
+    held = 0.0
+    for name in names:
+        if chosen and held >= settings.credible * total:
+            break
+        chosen.append(name)
+        held += odds[name]
+    outside = [one for one in ranked if one.name not in chosen]
+    probability = tuple((name, odds[name] / whole) for name in names)
+    return Choice(best, tuple(chosen[1:]), outside[0] if outside else None, held / whole, probability)
 
 
 def is_noise(fit: Fit) -> bool:
-    """Whether nothing but noise is left."""
-    return fit.by_noise and fit.reduced_misfit <= NOISE_ONLY
+    """Whether nothing is left but noise and nuisances of a size that tests have."""
+    settings = fit.comparison
+    if not fit.by_noise or fit.judged.noise_scale**2 > settings.noise_limit:
+        return False
+    return not excessive(fit)
 
 
-def is_explained(fit: Fit, target: Target, named: bool) -> bool:
-    """Whether nothing but noise is left, or the gap is at its floor: lines far below the others may say otherwise."""
-    if is_noise(fit) or not isinstance(target, FrfTarget):
-        return is_noise(fit)
-    if named or not fit.by_noise:
-        return (fit.reduced_misfit < LITTLE or not fit.by_noise) and fit.gap <= AT_FLOOR * target.floor
-    return fit.reduced_misfit < VERY_LITTLE and fit.gap <= BELOW_FLOOR * target.floor
-
-
-def confidence_in_the_end(choice: Choice, last: Fit, more_followed: bool) -> float:
-    """Probability that the set is right, now that the last model is known.
-
-    Args:
-        choice: as it was made.
-        last: the last model.
-        more_followed: whether other effects were named after it: with them the model explains what a rival, alone, did
-            not.
-    """
-    misfit = last.reduced_misfit
-    margin = choice.margin
-    if more_followed and choice.next_best is not None and last.by_noise:
-        margin = max(margin, (choice.next_best.cost - last.cost) / max(1.0, misfit))
-    return confidence(margin - choice.alike, misfit if last.by_noise else DOUBT)
-
-
-def confidence(margin: float, misfit: float) -> float:
-    """Probability that the set is right.
-
-    Args:
-        margin: by which the next best is worse than an equivalent.
-        misfit: mean square that the named model leaves.
-    """
-    certain = 1 / (1 + math.exp(-max(-50.0, min(50.0, margin / 20.0))))
-    # What is still unexplained may be what the name really stands for.
-    return 0.98 * certain * min(1.0, (NOISE_ONLY / max(misfit, 1e-9)) ** 0.25)
+def excessive(fit: Fit) -> dict[str, float]:
+    """Groups of nuisances that would have to be larger than tests have them, and how many times what was said."""
+    settings = fit.comparison
+    freedom = getattr(fit.marginal, "freedom", {})
+    return {
+        name: scale
+        for name, scale in fit.judged.scale.items()
+        if scale > (settings.told_limit if name in freedom else settings.untold_limit)
+    }
 
 
 def is_needed(before: Fit, after: Hypothesis, by_chance: float = 0.0) -> bool:
-    """Whether an effect takes enough from what speaks against the model, on held-out FRFs too.
+    """Whether an effect is more probable than none.
 
     Args:
         before: the fit without it.
         after: with it.
-        by_chance: what the best of the catalogue takes once in a hundred times where nothing is missing; 0 if not
-            known.
+        by_chance: what the best of the catalogue takes from the sum of squares once in a hundred times where nothing is
+            missing; 0 if not known.
     """
-    if not after.fit.by_noise:
-        fall = before.cost - after.cost
-        halved = fall > 0 and after.fit.gap <= HALVED * before.gap
-        return halved or fall > LEAST_FALL_IN_DOUBT
-    unit = max(1.0, after.fit.reduced_misfit)
-    fall = before.cost - after.cost
-    # Held-out FRFs may object; one that the missing effect hardly touches may rise a little while all others fall.
-    held = float(after.fit.misfit.heldout) - float(before.misfit.heldout) < HELD * fall
-    held = held or after.fit.gap <= LARGE_STEP * before.gap
-    nearer = before.reduced_misfit > LITTLE or after.fit.gap < (1 - SMALLEST_STEP) * before.gap
-    least = max(LEAST_FALL, by_chance if by_chance > 0 else LEAST_PART * before.cost / unit)
-    return held and nearer and fall / unit > least
+    settings = before.comparison
+    weight = weight_of([before, after.fit])
+    none = evidence(before, weight) - 2 * math.log(1 - settings.missing)
+    return after.against(weight) < none and before.square - after.fit.square > by_chance
+
+
+def is_explained(fit: Fit, target: Target) -> bool:
+    """Whether nothing but noise and nuisances is left, or the gap is no wider than noise alone makes it."""
+    if is_noise(fit):
+        return True
+    return isinstance(target, FrfTarget) and fit.by_noise and fit.gap <= target.floor

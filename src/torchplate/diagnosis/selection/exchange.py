@@ -60,25 +60,27 @@ class Exchange:
         elsewhere = {one.hypothesis.name for one in state.named}
         near = sorted((one for one in naming.rivals if one.name not in elsewhere), key=lambda one: one.cost)
         every = [here, *(self._in_place_of(state, naming, one) for one in near[:N_RIVAL])]
-        choice = choose(every)
+        choice = choose(every, naming.before)
         if choice.best.name in GROUNDED:
             best = choice.best
             priced, supports = self.look.as_supports(self._without(state, naming), best)
             here = priced if best is here else here
             near += supports
             every = [*(priced if one is best else one for one in every), *supports]
-            choice = choose(every)
+            choice = choose(every, naming.before)
         if choice.holds(here):
-            choice = choose(every, here)
+            choice = choose(every, naming.before, here)
             kept = (*state.named[:index], replace(naming, again=choice), *state.named[index + 1 :])
             return replace(state, named=kept)
         # A name stays where it is as good as the best, if at another place.
         same = [one for one in every if one.name == here.name and choice.holds(one)]
         better = min(same, key=lambda one: one.cost, default=choice.best)
-        choice = choose(every, better)
+        choice = choose(every, naming.before, better)
         self.say(f"{better.name} in place of {naming.hypothesis.name}")
         as_then = next(one for one in near if one.name == better.name and one.candidate is better.candidate)
-        renamed = replace(naming, hypothesis=as_then, choice=choose([naming.hypothesis, *near], as_then), again=choice)
+        renamed = replace(
+            naming, hypothesis=as_then, choice=choose([naming.hypothesis, *near], naming.before, as_then), again=choice
+        )
         return replace(
             state,
             model=self._exchanged(state, naming, better),
@@ -93,7 +95,7 @@ class Exchange:
         # From where the rest is now, and from where the rival had it.
         starts = [[values[name] for name in model.names] for values in (then | now, now | then)]
         start = model.space.to_cube(torch.tensor(starts).to(state.fit.theta)).clamp(1e-3, 1 - 1e-3)
-        limit = HOPELESS * float(state.fit.misfit.fitted)
+        limit = HOPELESS * state.fit.square
         found = fit(self.builder, model, start, self.prior, wide=False, hopeless=limit, near=state.fit.model)
         self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
         return replace(rival, fit=found)
@@ -116,10 +118,11 @@ class Exchange:
             for candidate in supports_at(alone.model, alone.fit.theta, *places[0], *strength)
         ]
         best = min(supports, key=lambda one: one.cost)
-        if best.cost > state.fit.cost + spring.hypothesis.penalty + dashpot.hypothesis.penalty:
+        both = replace(spring.hypothesis, fit=state.fit, coincidence=dashpot.hypothesis.prior)
+        if best.cost > both.cost:
             return state
         self.say("support_spring in place of ground_spring and ground_dashpot")
-        choice = choose([best, spring.hypothesis, *spring.rivals], best)
+        choice = choose([best, spring.hypothesis, *spring.rivals], spring.before, best)
         rest = [one for one in state.named if one is not dashpot]
         one = replace(spring, hypothesis=best, choice=choice, again=choice)
         named = tuple(one if other is spring else other for other in rest)

@@ -13,26 +13,18 @@ from torch import Tensor
 from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.candidates.candidate import channels_of
-from torchplate.diagnosis.fit import Fit, Problem, fit, widely
+from torchplate.diagnosis.fit import Fit, Prior, Problem, fit, widely
 from torchplate.diagnosis.holdout import exchanged, held_out
 from torchplate.diagnosis.model_builder import SETTLING, ModelBuilder, with_candidate
 from torchplate.diagnosis.result import Diagnosis
-from torchplate.diagnosis.selection.criterion import (
-    LEAST_PART,
-    Choice,
-    Hypothesis,
-    choose,
-    is_explained,
-    is_needed,
-    is_noise,
-)
+from torchplate.diagnosis.selection.criterion import Choice, Hypothesis, choose, is_explained, is_needed, is_noise
 from torchplate.diagnosis.selection.exchange import Exchange
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
 from torchplate.diagnosis.summary import summarise
 from torchplate.diagnosis.target import FrequencyTarget, FrfTarget, Target
 from torchplate.diagnosis.tolerance import with_tolerances
-from torchplate.measurement import Measurement, NaturalFrequencies
+from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies
 from torchplate.measurement.noise import Noise, noise_level
 from torchplate.model import PlateModel
 
@@ -40,6 +32,8 @@ from torchplate.model import PlateModel
 N_LOOK, N_DESCEND = 96, 8
 # Hypotheses from which the next effect is looked for where one alone does not explain the data.
 N_BEAM = 2
+# A baseline that ends lower by this part than it did had stopped too soon.
+LEAST_PART = 0.04
 # Where noise alone is not reached, an effect is named if it leaves at most this part of what spoke against the model,
 # and of the gap.
 LARGE_PART, SEEN_PART = 0.5, 0.9
@@ -68,6 +62,7 @@ def diagnose(
     tolerance: Mapping[str, float] | None = None,
     n_average: int | None = None,
     gain_is_unknown: bool = False,
+    imperfections: Imperfections | None = None,
     most_effects: int = 3,
     seed: int = 0,
     say: Callable[[str], None] = lambda _: None,
@@ -75,12 +70,13 @@ def diagnose(
     """Find where a model and a measurement disagree, name what is missing, add it, and show the gap shrink.
 
     Args:
-        model: the model as it is by_noise; its searched parameters are fitted, its numbers are not.
+        model: the model as it is believed; its searched parameters are fitted, its numbers are not.
         measurement: FRFs; the model's responses and references are theirs.
         natural_frequencies: a table instead of FRFs.
         tolerance: how well numbers are known: "label.parameter", "mesh.length_x" → standard deviation in SI units.
         n_average: records behind each FRF, where known.
         gain_is_unknown: the level of the FRFs carries no unit.
+        imperfections: what the test is not perfect in; what is not told has the size of a careful test.
         most_effects: that may be added.
         seed: of the choice of held-out FRFs.
         say: is told what is being tried.
@@ -95,19 +91,27 @@ def diagnose(
     target: Target
     if measurement is not None:
         noise = noise_level(measurement, n_average)
-        target = FrfTarget(measurement, noise, held_out(measurement.measured, seed), gain_is_unknown)
+        target = FrfTarget(
+            measurement, noise, held_out(measurement.measured, seed), gain_is_unknown, imperfections or Imperfections()
+        )
     else:
         assert natural_frequencies is not None
         target = FrequencyTarget(natural_frequencies)
-    road = ForwardSelection(model, target, dict(tolerance or {}), say)
-    baseline = road.baseline()
-    given = road.as_given(baseline)
-    state, looks = road.travel(baseline, most_effects)
+    selection = ForwardSelection.of(model, target, dict(tolerance or {}), say)
+    baseline = selection.baseline()
+    seen = selection.with_outliers_seen(baseline)
+    if seen is not selection:
+        selection, baseline = seen, seen.again(baseline)
+    given = selection.as_given(baseline)
+    state, looks = selection.travel(baseline, most_effects)
     few = measurement is None or len(measurement.pairs) < FEW
     if few and state.fit.reduced_misfit > FAR_OFF:
-        state, looks = road.travel(road.inflated(road.begun), most_effects)
+        selection, baseline = selection.inflated(selection.begun)
+        given = selection.as_given(baseline)
+        state, looks = selection.travel(baseline, most_effects)
     return summarise(
-        Trace(road.builder, noise, given, road.begun, state, tuple(looks), road.prior), time.monotonic() - began
+        Trace(selection.builder, noise, given, selection.begun, state, tuple(looks), selection.prior),
+        time.monotonic() - began,
     )
 
 
@@ -115,48 +119,68 @@ class ForwardSelection:
     """The steps, each of which can be taken alone.
 
     Args:
-        model: the given one.
-        target: what it is held against.
-        tolerance: how well its numbers are known.
+        builder: makes and evaluates models, beside the evidence.
+        prior: what is known of the given model's parameters beforehand.
         say: is told what is being tried.
     """
 
-    def __init__(
-        self, model: PlateModel, target: Target, tolerance: Mapping[str, float], say: Callable[[str], None]
-    ) -> None:
-        self.given, self.prior = with_tolerances(model, tolerance)
-        self.builder = ModelBuilder(self.given, target)
-        self.say, self.look = say, Ranking(self.builder, self.prior, channels_of(model), say)
-        self.exchange = Exchange(self.builder, self.look, self.prior, say)
+    def __init__(self, builder: ModelBuilder, prior: Prior, say: Callable[[str], None]) -> None:
+        self.builder, self.prior, self.say = builder, prior, say
+        self.look = Ranking(builder, prior, channels_of(builder.given), say)
+        self.exchange = Exchange(builder, self.look, prior, say)
+
+    def against(self, target: Target) -> "ForwardSelection":
+        """The same beside other evidence."""
+        return ForwardSelection(self.builder.against(target), self.prior, self.say)
+
+    @classmethod
+    def of(
+        cls, model: PlateModel, target: Target, tolerance: Mapping[str, float], say: Callable[[str], None]
+    ) -> "ForwardSelection":
+        """On a mesh whose error is taken off, with what is left of it among the nuisances.
+
+        Args:
+            model: the given one.
+            target: what it is held against.
+            tolerance: how well its numbers are known.
+            say: is told what is being tried.
+        """
+        given, prior = with_tolerances(model, tolerance)
+        builder = ModelBuilder(given, target)
+        middle = builder.given.space.to_si(given.known.new_full((len(given.names),), 0.5))
+        return cls(builder.expecting(builder.corrected(builder.given, middle)), prior, say)
 
     def baseline(self) -> State:
-        """The given model, fitted on a mesh whose error is taken off; and on its own mesh, to see what that costs."""
-        builder, model, target = self.builder, self.builder.given, self.builder.target
+        """The given model, fitted on a mesh whose error is taken off."""
+        builder, model = self.builder, self.builder.given
         self.say(f"baseline: fitting {', '.join(model.names) or 'nothing'}")
         middle = model.space.to_si(model.known.new_full((len(model.names),), 0.5))
-        extrapolated = builder.corrected(model, middle)
-        self._mesh_error = extrapolated
-        builder.expect_mesh_error(extrapolated)
-        start = self._first_look(extrapolated.model, middle)
+        start = self._first_look(builder.corrected(model, middle).model, middle)
         found = fit(builder, model, start, self.prior, wide=False)
-        if isinstance(target, FrfTarget):
-            square = (target.measured - found.prediction).abs().square() / target.variance
-            changed = exchanged(target.heldout, target.measurement.measured, square.mean(0) / 2)
-            if not torch.equal(changed, target.heldout):
-                target.hold_out(changed)
-                found = fit(builder, model, model.space.to_cube(found.theta)[None], self.prior, wide=False)
-        self.say(f"baseline: misfit {found.reduced_misfit:.3g} times what noise explains")
+        self.say(f"baseline: misfit {found.reduced_misfit:.3g} times what noise and nuisances explain")
         return State(model, found)
 
-    def inflated(self, baseline: State) -> State:
+    def with_outliers_seen(self, baseline: State) -> "ForwardSelection":
+        """The same, with FRFs that are far worse than the others given back to the fit: what ails them must be seen."""
+        target = self.builder.target
+        if not isinstance(target, FrfTarget):
+            return self
+        square = (target.measured - baseline.fit.prediction).abs().square() / target.variance
+        changed = exchanged(target.heldout, target.measurement.measured, square.mean(0) / 2)
+        return self if torch.equal(changed, target.heldout) else self.against(target.holding_out(changed))
+
+    def again(self, baseline: State) -> State:
+        """The baseline beside this evidence, from where it was."""
+        start = baseline.model.space.to_cube(baseline.fit.theta)[None]
+        return State(baseline.model, fit(self.builder, baseline.model, start, self.prior, wide=False))
+
+    def inflated(self, baseline: State) -> tuple["ForwardSelection", State]:
         """The baseline again, where what is left is far above the noise, weighed by what the model as such leaves."""
-        builder, target, model = self.builder, self.builder.target, baseline.model
-        self.say("what is left is far above the noise: the model itself is doubted from here on")
-        frequency = builder.corrected(model, baseline.fit.theta).frequency
-        in_band = int((frequency <= builder.top).sum())
-        target.inflate_model_error(baseline.fit.prediction, max(1, in_band))
-        start = model.space.to_cube(baseline.fit.theta)[None]
-        return State(model, fit(builder, model, start, self.prior, wide=target.levels > 1))
+        self.say("what is left is far above the noise: residuals are weighed by an inflated model error from here on")
+        twin = self.against(self.builder.target.inflated(baseline.fit.prediction))
+        start = baseline.model.space.to_cube(baseline.fit.theta)[None]
+        found = fit(twin.builder, baseline.model, start, self.prior, wide=twin.builder.target.levels > 1)
+        return twin, State(baseline.model, found)
 
     def _first_look(self, model: PlateModel, middle: Tensor) -> Tensor:
         """Where to begin: members spread over the box, the best of them down the wide levels."""
@@ -172,10 +196,10 @@ class ForwardSelection:
 
     def as_given(self, baseline: State) -> Fit:
         """The fit of the given model on its own mesh, error and all."""
-        builder = ModelBuilder(self.given, self.builder.target, as_given=True)
+        builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
         start = baseline.model.space.to_cube(baseline.fit.theta)[None]
         found = fit(builder, builder.given, start, self.prior, wide=self.builder.target.levels > 1)
-        self.builder.n_evaluation += builder.n_evaluation
+        self.builder.count(builder.n_evaluation)
         return found
 
     def travel(self, state: State, most_effects: int) -> tuple[State, list[Ranked]]:
@@ -187,7 +211,7 @@ class ForwardSelection:
             looks.append(look)
             if not look.hypotheses:
                 break
-            choice = choose(look.hypotheses)
+            choice = choose(look.hypotheses, state.fit)
             if not is_needed(state.fit, choice.best, look.by_chance):
                 break
             single = self._added(state, choice, look)
@@ -215,10 +239,10 @@ class ForwardSelection:
         """The given model fitted from where it is beside the first effect, if it ends lower there than it did."""
         values = dict(zip(single.model.names, single.fit.theta.tolist(), strict=True))
         start = torch.tensor([[values[name] for name in state.model.names]]).to(state.fit.theta)
-        limit = float(state.fit.misfit.fitted)
+        limit = state.fit.square
         position = state.model.space.to_cube(start)
         found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit, near=state.fit.model)
-        if not found.by_noise or found.cost > (1 - LEAST_PART) * state.fit.cost:
+        if not found.by_noise or found.square > (1 - LEAST_PART) * state.fit.square:
             return None
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")
         return replace(state, fit=found)
@@ -229,17 +253,13 @@ class ForwardSelection:
         if not is_noise(fit) and (not fit.by_noise or fit.reduced_misfit > PERHAPS_MESH):
             return None
         ended = self._ended(state)
-        if ended is state or is_explained(ended.fit, self.builder.target, bool(ended.named)):
-            return ended
-        self.builder.expect_mesh_error(self._mesh_error)
-        return None
+        return ended if ended is state or is_explained(ended.fit, self.builder.target) else None
 
     def _ended(self, state: State) -> State:
         """The state, settled; as it is, where that leaves noise alone and settling more."""
         settled = self._settled(state)
-        if is_explained(settled.fit, self.builder.target, bool(settled.named)) or not is_noise(state.fit):
+        if is_explained(settled.fit, self.builder.target) or not is_noise(state.fit):
             return settled
-        self.builder.expect_mesh_error(self._mesh_error)
         return state
 
     def _settled(self, state: State) -> State:
@@ -255,14 +275,14 @@ class ForwardSelection:
             return state
         if little:
             self.say("settling on a finer mesh")
-            builder = ModelBuilder(self.given, target, fineness=SETTLING)
-            builder.expect_mesh_error(builder.corrected(state.model, state.fit.theta))
+            builder = ModelBuilder(self.builder.plain, target, fineness=SETTLING)
+            builder = builder.expecting(builder.corrected(state.model, state.fit.theta))
         start = state.model.space.to_cube(state.fit.theta)[None]
         settled = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False))
         if little:
             small = tuple(one for one in state.named if one.before.gap < SMALL_GAP * target.floor)
             settled = self.exchange.without_needless(settled, builder, small)
-            self.builder.n_evaluation += builder.n_evaluation
+            self.builder.count(builder.n_evaluation)
         return settled
 
     def _explains_some(self, before: Fit, hypothesis: Hypothesis, by_cost: bool = False) -> bool:
@@ -271,13 +291,13 @@ class ForwardSelection:
         Args:
             before: the fit without it.
             hypothesis: with it.
-            by_cost: a smaller gap alone is not enough, if the model is by_noise.
+            by_cost: a smaller gap alone is not enough, if the model is believed.
         """
         after = hypothesis.fit
         gaps = [float(self.builder.target.gap(one.prediction)) for one in (before, after)]
         part = SMALLER_COST if hypothesis.candidate.searched else SMALLER_COST_WITHOUT_NUMBER
         smaller = gaps[1] <= SMALLER_GAP * gaps[0] and not (by_cost and after.by_noise)
-        return smaller or (after.by_noise and after.cost <= part * before.cost)
+        return smaller or (after.by_noise and after.square <= part * before.square)
 
     def _pairs(
         self, state: State, look: Ranked, single: State, looks: list[Ranked]
@@ -293,7 +313,7 @@ class ForwardSelection:
             if len(beam) >= N_BEAM or other.fit.reduced_misfit > BESIDE * ranked[0].fit.reduced_misfit:
                 break
             if is_needed(state.fit, other, look.by_chance) and self._explains_some(state.fit, other, by_cost=True):
-                beam.append(self._added(state, choose(ranked, other), look))
+                beam.append(self._added(state, choose(ranked, state.fit, other), look))
         best: State | None = None
         for rank, start in enumerate(beam):
             if rank and self.builder.n_evaluation > ENOUGH:
@@ -304,11 +324,11 @@ class ForwardSelection:
             looks.append(more)
             if not more.hypotheses:
                 continue
-            choice = choose(more.hypotheses)
+            choice = choose(more.hypotheses, start.fit)
             if not is_needed(start.fit, choice.best, more.by_chance):
                 continue
             found = self._added(start, choice, more)
-            if not is_noise(found.fit) and found.fit.by_noise and found.fit.cost <= MUCH_LESS * start.fit.cost:
+            if not is_noise(found.fit) and found.fit.by_noise and found.fit.square <= MUCH_LESS * start.fit.square:
                 # Two of a kind may have changed places, as two kinds of damping: that is cheaper to see than a look.
                 found = self.exchange.judged_again(found)
             if best is None or found.fit.cost < best.fit.cost:
@@ -328,7 +348,7 @@ def _explains_much(state: State) -> bool:
     """Whether the last effect explains much, or all that was left; else it may stand in for something else."""
     if state.previous is None or is_noise(state.fit) or not state.fit.by_noise:
         return True
-    return state.fit.cost <= LARGE_PART * state.previous.fit.cost
+    return state.fit.square <= LARGE_PART * state.previous.fit.square
 
 
 def _worth_their_names(state: State) -> State:

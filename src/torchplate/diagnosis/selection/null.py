@@ -1,9 +1,8 @@
 """What chance alone would let the best of all effects take: a parametric bootstrap on the null.
 
-Where nothing is missing, what is left is noise and what remains of the mesh error. Both are drawn many times: the noise
-at each line by itself; a natural frequency's error as one shift of that mode, at all its lines in all FRFs, which is
-what an effect looks like. For each draw every effect is scored at all its places, with the fitted parameters projected
-out, and the best of them counts. A name has to take more than that does once in a hundred.
+Where nothing is missing, what is left is noise and nuisances, which are drawn many times. For each draw every effect is
+scored at all its places, with the fitted parameters projected out, and the best of them counts. A name has to take more
+than that does once in a hundred.
 
 Sources: Davison and Hinkley, Bootstrap Methods and their Application (1997), ch. 4, on tests by simulation from the
 fitted null; Gross and Vitells, European Physical Journal C 70 (2010) 525, on the best of many places.
@@ -13,26 +12,22 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.diagnosis.target import FrfTarget
-
-# Draws, the part of them that chance may exceed, and how many are made at once.
-N_DRAW, LEVEL, AT_ONCE = 200, 0.01, 20
+# Draws, the part of them that chance may exceed.
+N_DRAW, LEVEL = 200, 0.01
 # A direction shorter than this part of the longest says nothing that it does not.
 PARALLEL = 1e-6
 
 
-def drawn(target: FrfTarget, prediction: Tensor, n_told: int = 0, seed: int = 0) -> Float[Tensor, "n_draw n_residual"]:
-    """Residuals at the sharp level as chance makes them where nothing is missing.
+def drawn(n_residual: int, n_told: int = 0, seed: int = 0) -> Float[Tensor, "n_draw n_all"]:
+    """Residuals at the sharp level as chance makes them where nothing is missing: noise and nuisances whitened.
 
     Args:
-        target: its noise and what is left of the mesh error.
-        prediction: of the model that is the null.
+        n_residual: how many there are.
         n_told: parameters that something is known of beforehand, each off by as much as that says.
         seed: of the draws.
     """
     generator = torch.Generator().manual_seed(seed)
-    draws = torch.cat([target.by_chance(prediction, AT_ONCE, generator) for _ in range(N_DRAW // AT_ONCE)])
-    return torch.cat([draws, torch.randn(N_DRAW, n_told, generator=generator, dtype=draws.dtype)], dim=-1)
+    return torch.randn(N_DRAW, n_residual + n_told, generator=generator, dtype=torch.float64)
 
 
 def falls(

@@ -13,7 +13,7 @@ from torchplate.diagnosis.candidates.supports import supports_at, tighter_at
 from torchplate.diagnosis.fit import Prior, Problem, fit, one_level, widely
 from torchplate.diagnosis.localise import UNIT, missing_force
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
-from torchplate.diagnosis.selection.criterion import LITTLE, Hypothesis, is_noise
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
 from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of, twins
 from torchplate.diagnosis.selection.trace import Ranked, State
@@ -43,8 +43,9 @@ HOPELESS = 30.0
 CAME_NEAR, N_AGAIN = 0.9, 3
 # Hypotheses this close to the best are refitted from where they ended; so are the best where more than noise is left.
 RUN_OFF, RUN_OFF_PART, N_RUN_OFF, N_FURTHER = 100.0, 0.03, 3, 2
-# Where it leaves so many times as much as a support may, it is none.
-FAR = 100.0
+# Mean square up to which little is left, so that a support that stays where it is may be named; where what is grounded
+# leaves so many times as much, it is none.
+LITTLE, FAR = 3.0, 100.0
 # Where a support at the same place leaves so much less, the spring or dashpot had stopped short.
 SHORT = 0.2
 # What sits at a place and goes to the ground.
@@ -63,6 +64,7 @@ class Ranking:
 
     def __init__(self, builder: ModelBuilder, prior: Prior, channels: Channels, say: Callable[[str], None]) -> None:
         self.builder, self.prior, self.channels, self.say = builder, prior, channels, say
+        self._n_option: dict[str, int] = {}
 
     def at(self, state: State) -> Ranked:
         """Score the whole catalogue, and refit what promises most."""
@@ -70,6 +72,7 @@ class Ranking:
         base = builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
         everyone = candidates(base, state.fit.theta, self.channels)
         self.say(f"scoring {len(everyone)} candidates")
+        self._n_option = {one.name: sum(other.name == one.name for other in everyone) for one in everyone}
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         by_chance = 0.0
@@ -98,7 +101,9 @@ class Ranking:
     def _nearby(self, state: State, base: PlateModel, everyone: Sequence[Candidate]) -> tuple[list[Scored], float]:
         """All candidates scored where peaks overlap; and what chance takes, where little is left."""
         draws = self._by_chance(state)
-        promises = screen(self.builder, base, state.fit.theta, everyone, self.prior, near=True, draws=draws)
+        promises = screen(
+            self.builder, base, state.fit.theta, everyone, self.prior, near=state.fit.marginal, draws=draws
+        )
         if draws is None:
             return promises, 0.0
         by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
@@ -126,7 +131,7 @@ class Ranking:
             together.setdefault(key, (promise, []))[1].append(starts)
         found: list[Hypothesis] = []
         for one, several in together.values():
-            least = min((float(other.fit.misfit.fitted) for other in (*before, *found)), default=math.inf)
+            least = min((other.fit.square for other in (*before, *found)), default=math.inf)
             found.append(self._refit(state, one.candidate, one.label, torch.cat(several), HOPELESS * least))
         return found
 
@@ -135,7 +140,8 @@ class Ranking:
         target = self.builder.target
         if not isinstance(target, FrfTarget) or not state.fit.by_noise or state.fit.reduced_misfit > PERHAPS_CHANCE:
             return None
-        return drawn(target, state.fit.prediction, state.fit.n_told)
+        n_told = int((state.fit.told > 0).sum())
+        return drawn(2 * target.measured.numel(), n_told)
 
     def _again(self, state: State) -> list[Hypothesis]:
         """What came near in the look before beside what was named there, from where it ended."""
@@ -165,7 +171,8 @@ class Ranking:
         found = sorted(hypotheses, key=lambda one: one.cost)
         for _ in range(N_RUN_OFF if self.builder.target.trusts_the_noise and found else 0):
             least = found[0].cost
-            close = [one for one in found if one.cost - least < RUN_OFF + RUN_OFF_PART * abs(least)]
+            within = RUN_OFF + RUN_OFF_PART * found[0].fit.square
+            close = [one for one in found if one.cost - least < within]
             if not is_noise(found[0].fit):
                 close = found[: max(N_FURTHER, len(close))]
             if len(close) < 2:
@@ -173,7 +180,7 @@ class Ranking:
             ends = [(one, one.fit.model.space.to_cube(one.fit.theta)[None]) for one in close]
             again = [self._refit(state, one.candidate, one.label, end) for one, end in ends]
             found = sorted([*again, *found[len(close) :]], key=lambda one: one.cost)
-            if least - found[0].cost < RUN_OFF + RUN_OFF_PART * least:
+            if least - found[0].cost < within:
                 break
         return found
 
@@ -242,7 +249,9 @@ class Ranking:
             ways = [one for rank, one in enumerate(ends) if rank < 2 or one[0] <= NEAR * ends[0][0]]
         return [(promise, starts[:2]) for _, promise, starts in ways[:N_SHARP]]
 
-    def as_supports(self, state: State, found: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
+    def as_supports(
+        self, state: State, found: Hypothesis, taken_up: bool = False
+    ) -> tuple[Hypothesis, list[Hypothesis]]:
         """What is grounded at a place, with the penalty of ending at a support; and the supports that it may be.
 
         Where no support is, that is a further one, spring and dashpot at once; else the one that is there, tighter.
@@ -250,6 +259,7 @@ class Ranking:
         Args:
             state: without it.
             found: with it.
+            taken_up: whether it was fitted from where a support led already.
         """
         if found.fit.reduced_misfit > FAR * LITTLE:
             return found, []
@@ -261,11 +271,12 @@ class Ranking:
             found = replace(found, coincidence=tighter.coincidence)
         wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
         supports = [self.refitted(state, candidate, theta) for candidate in wanted]
-        best = min(supports, key=lambda one: one.fit.cost)
-        if tighter is None and best.fit.cost < (1 - SHORT) * found.fit.cost and not is_noise(found.fit):
+        best = min(supports, key=lambda one: one.fit.square)
+        stopped_short = best.fit.square < (1 - SHORT) * found.fit.square and not is_noise(found.fit)
+        if tighter is None and stopped_short and not taken_up:
             again = self._from_support(state, found, best)
-            if again.fit.cost < (1 - SHORT) * found.fit.cost:
-                return self.as_supports(state, again)
+            if again.fit.square < (1 - SHORT) * found.fit.square:
+                return self.as_supports(state, again, taken_up=True)
         return found, supports
 
     def _from_support(self, state: State, found: Hypothesis, support: Hypothesis) -> Hypothesis:
@@ -299,7 +310,7 @@ class Ranking:
         whole = with_candidate(state.model, label, candidate)
         found = fit(self.builder, whole, starts, self.prior, wide=False, hopeless=hopeless, near=near)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
-        return Hypothesis(candidate, label, found)
+        return Hypothesis(candidate, label, found, n_option=self._n_option.get(candidate.name, 1))
 
 
 def _acts_like(candidate: Candidate) -> tuple[str, str]:
@@ -331,8 +342,8 @@ def _kept(promises: Sequence[Scored], hypotheses: Sequence[Hypothesis], state: S
     """Whether what was refitted where peaks overlap took most of what the best promised."""
     if not hypotheses:
         return False
-    least = min(one.cost for one in hypotheses)
-    return state.fit.cost - least >= KEPT * promises[0].drop * state.fit.cost
+    least = min(one.fit.square for one in hypotheses)
+    return state.fit.square - least >= KEPT * promises[0].drop * state.fit.square
 
 
 def _best_of_each(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -21,6 +21,8 @@ from torchplate.diagnosis.candidates.candidate import Candidate, distance, vecto
 from torchplate.diagnosis.fit import Prior, Problem
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.selection.null import falls
+from torchplate.diagnosis.target import TableNoise
+from torchplate.discrepancy.marginal import Marginal
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
 
@@ -62,7 +64,7 @@ def screen(
     theta: Float[Tensor, " n_parameter"],
     everyone: Sequence[Candidate],
     prior: Prior,
-    near: bool = False,
+    near: Marginal | TableNoise | None = None,
     draws: Float[Tensor, "n_draw n_residual"] | None = None,
 ) -> list[Scored]:
     """Score all candidates, the most promising first.
@@ -73,12 +75,12 @@ def screen(
         theta: its fitted parameters.
         everyone: the candidates.
         prior: what is known of the baseline's parameters beforehand.
-        near: whether the model is nearly right, so that peaks overlap: candidates are then scored at the sharp level,
-            by small steps.
+        near: noise and nuisances beside the baseline, where it is nearly right, so that peaks overlap: candidates are
+            then scored at the sharp level, by small steps; None elsewhere.
         draws: residuals at the sharp level that chance makes, to be scored too.
     """
-    level = builder.target.levels - 1 if near else min(LEVEL, builder.target.levels - 1)
-    here = Problem(builder, base, prior)
+    level = builder.target.levels - 1 if near is not None else min(LEVEL, builder.target.levels - 1)
+    here = Problem(builder, base, prior, near)
     position = base.space.to_cube(theta)
     plain = here.predict(theta, level)
     residual = here.deviations(plain, theta, level)
@@ -99,7 +101,7 @@ def screen(
         """Where the fitted parameters go, to first order, when a candidate takes its change from the residuals."""
         step = torch.zeros_like(position)
         step[loose] = torch.linalg.lstsq(upper, (known.mT @ (residual - change))[:, None]).solution[:, 0] / norm
-        return base.space.to_si((position - step).clamp(0.0, 1.0)) if near else theta
+        return base.space.to_si((position - step).clamp(0.0, 1.0)) if near is not None else theta
 
     left = free(residual)
     total = float(left.square().sum())
@@ -107,15 +109,15 @@ def screen(
     for candidate in everyone:
         label = new_label(base, candidate.name)
         model = with_candidate(base, label, candidate)
-        trials = candidate.near if near else candidate.far
+        trials = candidate.near if near is not None else candidate.far
         with torch.no_grad():
             exchanged = builder.target.rearranged(plain, base, candidate.effect, level)
             if exchanged is not None:
                 there = here.deviations(exchanged, theta, level)[None]
-                builder.n_evaluation += 1
+                builder.count(1)
             else:
                 members = _members(model, theta, base, [trial.values for trial in trials], label)
-                there = Problem(builder, model, prior).residual(model.space.to_cube(members), level)
+                there = Problem(builder, model, prior, near).residual(model.space.to_cube(members), level)
         whole = residual - there
         change = free(whole)
         size = change.square().sum(-1).clamp(min=1e-280)

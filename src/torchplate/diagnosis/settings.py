@@ -1,0 +1,51 @@
+"""What a diagnosis takes for granted: every number that somebody chose, with its unit and its reason."""
+
+from dataclasses import dataclass, field
+
+from torchplate.discrepancy.marginal import Knowledge
+from torchplate.discrepancy.nuisance import Wandering
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How hypotheses are compared.
+
+    Args:
+        missing: prior probability that anything is missing [-]: nobody knows beforehand.
+        beyond: of what is missing, the part that no effect of the catalogue describes [-]: one in fifty of the faults
+            that a test engineer meets, so that no name is ever surer than that.
+        misspecified: relative entropy per number by which the model of noise and nuisances may be wrong [-]. A variance
+            that is off by 2 % costs 0.02²/4 of it. So no test counts more than 10,000 independent numbers (Miller and
+            Dunson, Robust Bayesian inference via coarsening, J. American Statistical Association 114, 2019, 1113).
+        credible: probability of the set of equivalents [-].
+        noise_limit: what is left is noise up to so many times its variance [-]: three standard deviations of a variance
+            that is known from 200 numbers (`Knowledge.noise`).
+        told_limit: and nuisances whose size was told, up to so many times that [-]; a factor that six numbers
+            exceed once in a thousand.
+        untold_limit: others up to so many times their defaults [-]: the factor of three that they are known to.
+        on_bound: a uniform prior puts this part of itself as near to its ends as counts as on them [-].
+    """
+
+    missing: float = 0.5
+    beyond: float = 0.02
+    misspecified: float = 1e-4
+    credible: float = 0.95
+    noise_limit: float = 1.3
+    told_limit: float = 2.0
+    untold_limit: float = 3.0
+    on_bound: float = 2e-3
+
+
+@dataclass(frozen=True)
+class DiagnosisSettings:
+    """All of them, by stage.
+
+    Args:
+        knowledge: how well noise and nuisances are known.
+        wandering: of the plate's section.
+        comparison: of hypotheses.
+    """
+
+    knowledge: Knowledge = field(default_factory=Knowledge)
+    wandering: Wandering = field(default_factory=Wandering)
+    comparison: Comparison = field(default_factory=Comparison)

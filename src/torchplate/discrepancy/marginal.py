@@ -1,0 +1,270 @@
+"""The likelihood of FRFs with the nuisances integrated out.
+
+y = H(θ) + J ν + e, e ~ N(0, κ² D) with D diagonal, ν ~ N(0, S), S = diag(s_g²) for the groups g of nuisances; so
+
+    y − H ~ N(0, κ² D + J S Jᵀ).
+
+Residuals are taken over √D first. With G = JᵀJ, c = Jᵀr and K = S^½ G S^½ / κ², the likelihood is
+
+    −2 ln p = n ln κ² + rᵀr / κ² + ln |I + K| − (S^½c/κ²)ᵀ (I + K)⁻¹ (S^½c),
+
+and the posterior mean of S^−½ ν is (I + K)⁻¹ S^½ c / κ². κ and the s_g are estimated with it: each has a prior, a scaled
+inverse χ² about 1 whose degrees of freedom say how well it is known, and MacKay's fixed point finds where likelihood
+times prior is largest.
+
+Sources: MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415, for the fixed point; Rasmussen and Williams,
+Gaussian Processes for Machine Learning (2006), appendix A, for the determinant and the inverse; Pinheiro and Bates,
+Mixed-Effects Models (2000), for marginal likelihoods of nuisance effects.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Complex, Float
+from torch import Tensor
+
+from torchplate.discrepancy.nuisance import Nuisances
+
+# Fixed points are at rest where no scale changes by more than this part; and after so many turns in any case.
+AT_REST, N_TURN = 1e-3, 60
+
+
+class Judged(NamedTuple):
+    """How well residuals agree with noise and nuisances.
+
+    Attributes:
+        cost: −2 ln of their likelihood times the priors of the scales, less what noise alone at κ = 1 has of constants.
+        noise_scale: κ: what the noise is over what it was estimated as [-].
+        scale: what each group of nuisances is over what was said of it [-].
+        white: mean square of the residuals over noise and nuisances as large as was said [-].
+        n: real numbers behind it.
+        shift: posterior means of the nuisances in their standard deviations.
+    """
+
+    cost: float
+    noise_scale: float
+    scale: Mapping[str, float]
+    white: float
+    n: float
+    shift: Float[Tensor, " n_nuisance"]
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """How well scales are known: degrees of freedom of their scaled inverse χ² priors.
+
+    A variance known from k numbers has k; its logarithm's standard deviation is √(2/k).
+
+    Args:
+        noise: of the noise's variance: it is estimated from hundreds of lines, and its shape is a model: 10 %.
+        told: of a nuisance whose size the config tells: to a third.
+        untold: of one that has its default: to a factor of three.
+    """
+
+    noise: float = 200.0
+    told: float = 6.0
+    untold: float = 1.0
+
+
+class Marginal:
+    """Noise and nuisances of some FRFs, fixed; residuals come and go.
+
+    Args:
+        variance: D, of the real and of the imaginary part.
+        nuisances: J.
+        fitted: FRFs that count.
+        freedom: of the prior of each group's scale; infinite where it is known exactly.
+        knowledge: of the noise.
+    """
+
+    def __init__(
+        self,
+        variance: Float[Tensor, "n_frequency n_response n_reference"],
+        nuisances: Nuisances | None,
+        fitted: Bool[Tensor, "n_response n_reference"],
+        freedom: Mapping[str, float],
+        knowledge: Knowledge,
+    ) -> None:
+        self.weight = torch.where(fitted, variance.rsqrt(), 0.0)
+        self.n = 2.0 * len(variance) * int(fitted.sum())
+        self._log_variance = 2 * float(variance[:, fitted].log().sum())
+        self.freedom, self.knowledge = freedom, knowledge
+        parts = (None, None, None) if nuisances is None else nuisances[:3]
+        common, own, other = (self._weighed(part) for part in parts)
+        n_line, n_response, n_reference = self.weight.shape
+        self._common = common.flatten(0, 3)  # [n, k]
+        # By channel: [n_channel, lines and the other channels, k].
+        self._own = own.movedim(1, 0).flatten(1, 3)
+        self._other = other.movedim(2, 0).flatten(1, 3)
+        self._shape = (n_line, n_response, n_reference, 2)
+        names: list[str] = []
+        if nuisances is not None:
+            names += nuisances.group[0]
+            names += list(nuisances.group[1]) * n_response
+            names += list(nuisances.group[2]) * n_reference
+        self.names = tuple(dict.fromkeys(names))
+        self.group = torch.tensor([self.names.index(name) for name in names], dtype=torch.int64)
+        self.gram = self._gram(own, other)
+        root = self._root(torch.ones(len(self.names), dtype=torch.float64))
+        self._half = self._whitener(root)
+
+    def _weighed(self, columns: Complex[Tensor, "n_frequency n_response n_reference k"] | None) -> Tensor:
+        if columns is None:
+            return self.weight.new_zeros(*self.weight.shape, 2, 0)
+        return torch.view_as_real((columns * self.weight[..., None]).resolve_conj()).movedim(-1, -2)
+
+    def _gram(self, own: Tensor, other: Tensor) -> Float[Tensor, "n_nuisance n_nuisance"]:
+        """JᵀJ, block by block: a channel's own nuisances touch no other channel of its side."""
+        n_response, n_reference = len(self._own), len(self._other)
+        k, k_own, k_other = self._common.shape[-1], self._own.shape[-1], self._other.shape[-1]
+        size = k + n_response * k_own + n_reference * k_other
+        gram = self.weight.new_zeros(size, size)
+        gram[:k, :k] = self._common.mT @ self._common
+        whole = self._common.unflatten(0, self._shape)
+        by_response, by_reference = whole.movedim(1, 0).flatten(1, 3), whole.movedim(2, 0).flatten(1, 3)
+        first, second = k, k + n_response * k_own
+        gram[:k, first:second] = (by_response.mT @ self._own).movedim(1, 0).flatten(1)
+        gram[:k, second:] = (by_reference.mT @ self._other).movedim(1, 0).flatten(1)
+        if k_own:
+            own_blocks = self._own.mT @ self._own
+            gram[first:second, first:second] = torch.block_diag(*own_blocks)
+        if k_other:
+            gram[second:, second:] = torch.block_diag(*(self._other.mT @ self._other))
+        if k_own and k_other:
+            across = torch.einsum("fjrpa,fjrpb->jarb", own, other)
+            gram[first:second, second:] = across.flatten(2).flatten(0, 1)
+        return torch.triu(gram) + torch.triu(gram, 1).mT
+
+    def along(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch n_nuisance"]:
+        """Jᵀ r."""
+        whole = residual.unflatten(-1, self._shape)
+        parts = [residual @ self._common]
+        if self._own.shape[-1]:
+            moved = whole.movedim(-3, -4).flatten(-3)
+            parts.append((moved[..., None, :] @ self._own).flatten(-3))
+        if self._other.shape[-1]:
+            moved = whole.movedim(-2, -4).flatten(-3)
+            parts.append((moved[..., None, :] @ self._other).flatten(-3))
+        return torch.cat(parts, dim=-1)
+
+    def across(self, value: Float[Tensor, "*batch n_nuisance"]) -> Float[Tensor, "*batch n_residual"]:
+        """J ν."""
+        k, k_own, k_other = self._common.shape[-1], self._own.shape[-1], self._other.shape[-1]
+        n_response, n_reference = len(self._own), len(self._other)
+        common, own, other = value.split([k, n_response * k_own, n_reference * k_other], dim=-1)
+        found = common @ self._common.mT
+        n_line = self._shape[0]
+        if k_own:
+            moved = (own.unflatten(-1, (n_response, 1, k_own)) @ self._own.mT)[..., 0, :]
+            found = found + moved.unflatten(-1, (n_line, n_reference, 2)).movedim(-4, -3).flatten(-4)
+        if k_other:
+            moved = (other.unflatten(-1, (n_reference, 1, k_other)) @ self._other.mT)[..., 0, :]
+            found = found + moved.unflatten(-1, (n_line, n_response, 2)).movedim(-4, -2).flatten(-4)
+        return found
+
+    def over_noise(self, off: Complex[Tensor, "*batch n_frequency n_response n_reference"]) -> Tensor:
+        """Residuals over √D, as real numbers; zero where an FRF does not count."""
+        return torch.view_as_real((off * self.weight).resolve_conj()).flatten(-4)
+
+    def whitened(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch n_residual"]:
+        """(D + J S Jᵀ)^−½ of residuals over √D, with nuisances and noise as large as was said."""
+        if not len(self.group):
+            return residual
+        return residual - self.across(self.along(residual) @ self._half)
+
+    def precision(self, rows: Float[Tensor, "n n_residual"], judged: Judged) -> Float[Tensor, "n n"]:
+        """Products of rows over √D with the inverse of the covariance between them, at the scales of a judgement."""
+        noise = judged.noise_scale**2
+        found = rows @ rows.mT / noise
+        if not len(self.group):
+            return found
+        root = self._root(torch.tensor([judged.scale[name] for name in self.names], dtype=torch.float64))
+        scaled = root[:, None] * self.gram * root / noise
+        lower = torch.linalg.cholesky(scaled + torch.eye(len(root)).to(scaled))
+        half = torch.linalg.solve_triangular(lower, (self.along(rows) * root / noise).mT, upper=False)
+        return found - half.mT @ half
+
+    def power(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
+        """Expected |y − H|², noise and nuisances as large as was said; 0 where an FRF does not count."""
+        whole = self._common.square().sum(-1).reshape(self._shape)
+        whole = whole + self._own.square().sum(-1).reshape(self._shape[1], self._shape[0], *self._shape[2:]).movedim(
+            0, 1
+        )
+        other = self._other.square().sum(-1).reshape(self._shape[2], *self._shape[:2], 2).movedim(0, 2)
+        weight = self.weight.square()
+        return torch.where(weight > 0, ((whole + other).sum(-1) + 2) / weight.clamp(min=1e-300), 0.0)
+
+    def _root(self, scale: Float[Tensor, " n_group"]) -> Float[Tensor, " n_nuisance"]:
+        return scale[self.group] if len(self.group) else scale
+
+    def _whitener(self, root: Tensor) -> Tensor:
+        """W with (I + J S Jᵀ)^−½ = I − J W Jᵀ."""
+        if not len(root):
+            return self.gram
+        scaled = root[:, None] * self.gram * root
+        value, vector = torch.linalg.eigh(0.5 * (scaled + scaled.mT))
+        value = value.clamp(min=0.0)
+        # (1 − (1 + λ)^−½) / λ without the difference of nearly equal numbers.
+        lifted = (1 + value).sqrt()
+        part = 1 / (lifted * (1 + lifted))
+        return root[:, None] * ((vector * part) @ vector.mT) * root
+
+    def judge(self, residual: Float[Tensor, " n_residual"]) -> Judged:
+        """The likelihood at the scales at which it and their priors are largest."""
+        square = float(residual.square().sum())
+        white = float(self.whitened(residual).square().sum()) / max(1.0, self.n)
+        n_group = len(self.names)
+        scale, noise = torch.ones(n_group, dtype=torch.float64), 1.0
+        free = torch.tensor([self.freedom.get(name, self.knowledge.untold) for name in self.names])
+        fixed = free.isinf()
+        # κ can be far from 1: it starts where it would be without nuisances at the scales they have.
+        noise = max(white, 1e-12)
+        size = torch.zeros(n_group, dtype=torch.float64)
+        mean = residual.new_zeros(len(self.group))
+        if n_group:
+            along = self.along(residual)
+            for _ in range(N_TURN):
+                root = self._root(scale)
+                scaled = root[:, None] * self.gram * root / noise
+                lower = torch.linalg.cholesky(scaled + torch.eye(len(root)).to(scaled))
+                inverse = torch.cholesky_inverse(lower)
+                mean = inverse @ (root * along / noise)
+                # What the data say of each nuisance: 1 where they say all, 0 where only its prior does.
+                known = 1 - inverse.diagonal()
+                told = torch.zeros(n_group, dtype=torch.float64)
+                size.zero_()
+                told.index_add_(0, self.group, known)
+                size.index_add_(0, self.group, mean.square())
+                factor = torch.where(
+                    fixed, 1.0, ((size * scale.square() + free) / (told + free)).nan_to_num(1.0).sqrt() / scale
+                )
+                shift = root * mean
+                left = square - 2 * float(shift @ along) + float(shift @ (self.gram @ shift))
+                k = self.knowledge.noise
+                after = (left + k) / (max(self.n - float(known.sum()), 1.0) + k)
+                change = max(float((factor - 1).abs().max()), abs(after / noise - 1))
+                scale, noise = scale * factor.clamp(0.5, 2.0), after
+                if change < AT_REST:
+                    break
+        else:
+            noise = (square + self.knowledge.noise) / (self.n + self.knowledge.noise)
+        cost = self._cost(square, self.along(residual) if n_group else mean, scale, noise)
+        free = torch.where(fixed, 0.0, free)
+        prior = float((free * (scale.square().log() + 1 / scale.square() - 1)).sum())
+        prior += self.knowledge.noise * (math.log(noise) + 1 / noise - 1)
+        scales = dict(zip(self.names, scale.tolist(), strict=True))
+        return Judged(cost + prior, math.sqrt(noise), scales, white, self.n, mean * self._root(scale))
+
+    def _cost(self, square: float, along: Tensor, scale: Tensor, noise: float) -> float:
+        """−2 ln p but for n ln 2π."""
+        found = self.n * math.log(noise) + square / noise + self._log_variance
+        if not len(along):
+            return found
+        root = self._root(scale)
+        scaled = root[:, None] * self.gram * root / noise
+        lower = torch.linalg.cholesky(scaled + torch.eye(len(root)).to(scaled))
+        half = torch.linalg.solve_triangular(lower, (root * along / noise)[:, None], upper=False)
+        return found + 2 * float(lower.diagonal().log().sum()) - float(half.square().sum())

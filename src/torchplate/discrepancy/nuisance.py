@@ -1,0 +1,326 @@
+"""What every test has and nobody wants named: how each of it, one standard deviation large, changes the FRFs.
+
+With the model's modes Φ, λ at hand, α = L Z⁻¹ Rᵀ changes by dα = dL X_R + X_L dR − X_L dZ X_R to first order, where
+X = row / z are the modal responses, z_m(s) the denominator of mode m with the damping that couples modes left
+out: these are the columns of a covariance, not a prediction. What the second order would add stands beside the noise:
+for a mode that moves by q of its own width, q² / (1 + q) of what the mode contributes to an FRF.
+
+Sources: Adelman and Haftka, AIAA J. 24 (1986) 823, for the derivative of a resolvent; Pintelon and Schoukens, System
+Identification (2012), for what an analyser, its transducers and their mounting add.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from torchplate.measurement import Imperfections
+from torchplate.model import PlateModel
+from torchplate.model.frf import as_kind, laplace_lines, modal_denominator
+from torchplate.model.modes import solve_modes
+from torchplate.plate import Plan
+
+# Step of the plate's section from which the change of its matrices is taken: they are polynomials of low order in it.
+STEP = 1e-4
+# Modes up to this multiple of the band's end are followed where the plate changes: higher ones answer as a spring does.
+REACH = 1.6
+
+
+@dataclass(frozen=True)
+class Wandering:
+    """How far a plate's section is from uniform; standard deviations at a place, relative [-].
+
+    Args:
+        thickness: cold-rolled sheet keeps its thickness to about half a per cent within a sheet.
+        modulus: of Young's modulus, likewise.
+        grain: of E_y/E_x and of the shear modulus over the isotropic one, the whole plate alike: rolling leaves a
+            texture.
+        order: of the cosines cos(pπx) cos(qπy), p + q from 1 to this.
+    """
+
+    thickness: float = 5e-3
+    modulus: float = 5e-3
+    grain: float = 1e-2
+    order: int = 3
+
+
+class Nuisances(NamedTuple):
+    """Changes of the FRFs by one standard deviation each, and what the second order adds.
+
+    Attributes:
+        common: of what all FRFs share.
+        by_response: of what each response has of its own.
+        by_reference: of what each reference has of its own.
+        group: names of the groups of each column of the three.
+        remainder: variance of the real and of the imaginary part that first order leaves out.
+    """
+
+    common: Complex[Tensor, "n_frequency n_response n_reference n_common"]
+    by_response: Complex[Tensor, "n_frequency n_response n_reference n_own"]
+    by_reference: Complex[Tensor, "n_frequency n_response n_reference n_other"]
+    group: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
+    remainder: Float[Tensor, "n_frequency n_response n_reference"]
+
+
+class _Modal(NamedTuple):
+    """A model's reading taken apart into modes.
+
+    Attributes:
+        eigenvalue: λ [rad²/s²].
+        shape: Φ, over the rows of the model's matrices.
+        kappa: what λ is times in the denominator.
+        damping: the part of the denominator that damps [rad²/s²].
+        denominator: z.
+        left: Φ at the responses.
+        right: at the references.
+        n_low: modes that a change of the plate is followed through.
+    """
+
+    eigenvalue: Float[Tensor, " n_mode"]
+    shape: Float[Tensor, "n n_mode"]
+    kappa: Complex[Tensor, "n_frequency n_mode"]
+    damping: Complex[Tensor, "n_frequency n_mode"]
+    denominator: Complex[Tensor, "n_frequency n_mode"]
+    left: Float[Tensor, "n_response n_mode"]
+    right: Float[Tensor, "n_reference n_mode"]
+    n_low: int
+
+
+@torch.no_grad()
+def nuisances(
+    model: PlateModel,
+    theta: Float[Tensor, " n_parameter"],
+    frequency: Float[Tensor, " n_frequency"],
+    imperfections: Imperfections,
+    wandering: Wandering,
+    mesh_shift: Float[Tensor, " n_frequency"],
+) -> Nuisances:
+    """The nuisances of one test of one plate.
+
+    Args:
+        model: in a basis of its modes; its responses, references and kind are the measurement's.
+        theta: its searched parameters.
+        frequency: lines [Hz].
+        imperfections: of the test.
+        wandering: of the plate.
+        mesh_shift: relative error that the mesh leaves of a natural frequency near each line [-].
+    """
+    plan = model.plan(theta)
+    response, reference, kind = model._points(None, None, None)
+    chain = model._chain(theta, plan, laplace_lines(frequency.to(theta), 0.0), response, reference)
+    modal = _modal(model, plan, chain.laplace, chain.response, reference)
+    to_reading = _Reading(chain, kind, chain.factor.shape[-2:])
+    reading = as_kind(_sum(modal, modal.left, modal.right), chain, kind)
+    n_response, n_reference = reading.shape[-2:]
+    top = (2 * math.pi * 1.1 * float(frequency[-1])) ** 2
+    near = torch.nonzero(modal.eigenvalue < top).flatten()
+    elastic = near[modal.eigenvalue[near] > 1e-6 * top]
+
+    common: list[tuple[str, Tensor]] = []
+    wander = _wandering(model, plan, modal, wandering)
+    for name, stiffness, mass in wander:
+        common.append((name, to_reading(_through(modal, stiffness, mass, chain.laplace))))
+    damped = imperfections.std("damping_scatter")
+    if damped > 0:
+        common += [("damping_scatter", to_reading(damped * _of_mode(modal, m, modal.damping[:, m]))) for m in near]
+    at = torch.searchsorted(frequency.to(theta), modal.eigenvalue[elastic].clamp(min=0).sqrt() / (2 * math.pi))
+    shift = mesh_shift.to(theta)[at.clamp(max=len(frequency) - 1)]
+    for m, one in zip(elastic, shift, strict=True):
+        if float(one) > 0:
+            moved = 2 * one * modal.eigenvalue[m] * modal.kappa[:, m]
+            common.append(("mesh", to_reading(_of_mode(modal, m, moved))))
+    off = imperfections.std("position_std")
+    if off > 0:
+        common += [
+            ("position_std", to_reading(change)) for change in _supports(model, plan, modal, chain.laplace, off, theta)
+        ]
+
+    sides = float(plan.geometry.length_x.mean()), float(plan.geometry.length_y.mean())
+    own: list[tuple[str, Tensor]] = []
+    other: list[tuple[str, Tensor]] = []
+    if off > 0:
+        for side, order in zip(sides, ((1, 0), (0, 1)), strict=True):
+            rows = model.assembly.rows(model.mesh.deflection_at(chain.response, *order)) @ modal.shape
+            own.append(("position_std", to_reading(off / side * _sum(modal, rows, modal.right))))
+            if reference is not None:
+                rows = model.assembly.rows(model.mesh.deflection_at(reference, *order)) @ modal.shape
+                other.append(("position_std", to_reading(off / side * _sum(modal, modal.left, rows))))
+    if (level := imperfections.std("calibration_std")) > 0:
+        own.append(("calibration_std", level * reading))
+        if n_reference > 1:
+            other.append(("calibration_std", level * reading))
+    drift = imperfections.std("frequency_drift")
+    if drift > 0 and max(n_response, n_reference) > 1:
+        # What moves from record to record is what there is more of.
+        moved = 2 * drift * modal.eigenvalue * modal.kappa
+        change = to_reading(-_sum(modal, modal.left, modal.right, moved / modal.denominator))
+        (other if n_reference >= n_response else own).append(("frequency_drift", change))
+
+    moving = torch.zeros_like(modal.eigenvalue)
+    for _, stiffness, mass in wander:
+        diagonal = stiffness.diagonal() - modal.eigenvalue[: modal.n_low] * mass.diagonal()
+        moving[: modal.n_low] += diagonal.square()
+    moving[elastic] += (2 * shift * modal.eigenvalue[elastic]).square()
+    moving = moving + (2 * drift * modal.eigenvalue).square()
+    remainder = _remainder(modal, moving.sqrt(), damped)
+    scale = as_kind(
+        torch.ones_like(reading), chain._replace(reading=None), kind if reference is not None else "accelerance"
+    )
+    remainder = remainder * scale.abs().square()
+    if chain.reading is not None:
+        remainder = remainder.flatten(-2)[..., chain.reading]
+    columns = [_stacked([change for _, change in part], reading) for part in (common, own, other)]
+    names = [tuple(name for name, _ in part) for part in (common, own, other)]
+    return Nuisances(columns[0], columns[1], columns[2], (names[0], names[1], names[2]), remainder)
+
+
+class _Reading(NamedTuple):
+    """From a change of receptance to a change of the reading."""
+
+    chain: object
+    kind: str
+    shape: torch.Size
+
+    def __call__(self, change: Tensor) -> Tensor:
+        chain = self.chain
+        zero = as_kind(torch.zeros_like(change), chain, self.kind)  # type: ignore[arg-type]
+        return as_kind(change, chain, self.kind) - zero  # type: ignore[arg-type]
+
+
+def _stacked(parts: list[Tensor], like: Tensor) -> Tensor:
+    return torch.stack(parts, dim=-1) if parts else like.new_zeros(*like.shape, 0)
+
+
+def _modal(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, reference: Tensor | None) -> _Modal:
+    system = model.assembly.system(*plan)
+    eigenvalue, shape = solve_modes(system.stiffness, system.mass)
+    real, imaginary = modal_denominator(eigenvalue, system.proportional, laplace)
+    denominator = torch.complex(real, imaginary)
+    if len(system.viscous):
+        own = (system.viscous[:, None] * (system.dashpot @ shape).square()).sum(0)
+        denominator = denominator + laplace[:, None] * own
+    if system.hysteretic is not None:
+        denominator = denominator + 1j * (shape * (system.hysteretic @ shape)).sum(0)
+    plain = eigenvalue + laplace[:, None].square()
+    kappa, _ = system.proportional.at(laplace)
+    left = model.assembly.rows(model.mesh.deflection_at(response)) @ shape
+    right = model.excitation(plan, reference) @ shape
+    n_low = int((eigenvalue < (REACH * float(laplace.imag.max())) ** 2).sum())
+    kappa = kappa[:, None].expand_as(denominator)
+    return _Modal(eigenvalue, shape, kappa, denominator - plain, denominator, left, right, n_low)
+
+
+def _sum(modal: _Modal, left: Tensor, right: Tensor, weight: Tensor | None = None) -> Tensor:
+    """Σ_m l_m r_m weight_m / z_m at every line, for all pairs of rows."""
+    inverse = (1 if weight is None else weight) / modal.denominator
+    pairs = (left[:, None] * right[None]).flatten(0, 1)
+    return (inverse @ pairs.mT.to(inverse)).unflatten(-1, (len(left), len(right)))
+
+
+def _of_mode(modal: _Modal, m: Tensor, change: Tensor) -> Tensor:
+    """What a change of one mode's denominator does to the receptances."""
+    outer = modal.left[:, m, None] * modal.right[None, :, m]
+    return -(change / modal.denominator[:, m].square())[:, None, None] * outer
+
+
+def _through(modal: _Modal, stiffness: Tensor, mass: Tensor, laplace: Tensor) -> Tensor:
+    """What changes of stiffness and mass, in modal coordinates, do to the receptances."""
+    n_line = len(laplace)
+    n_low = modal.n_low
+    inverse = 1 / modal.denominator[:, None, :n_low]
+    left, right = modal.left[None, :, :n_low] * inverse, modal.right[None, :, :n_low] * inverse
+    fewer, more, swapped = (left, right, False) if left.shape[1] <= right.shape[1] else (right, left, True)
+    kappa, square = modal.kappa[:, :1, None], laplace.square()[:, None, None]
+    flat = fewer.reshape(-1, fewer.shape[-1])
+    parts = [_times(flat, one).unflatten(0, (n_line, -1)) for one in (stiffness, mass)]
+    change = -((kappa * parts[0] + square * parts[1]) @ more.mT)
+    return change.mT if swapped else change
+
+
+def _times(complex_rows: Tensor, real: Tensor) -> Tensor:
+    """Complex rows times a real matrix."""
+    return torch.complex(complex_rows.real @ real, complex_rows.imag @ real)
+
+
+def _wandering(model: PlateModel, plan: Plan, modal: _Modal, wandering: Wandering) -> list[tuple[str, Tensor, Tensor]]:
+    """Changes of stiffness and mass between the lowest modes, by one standard deviation of each term.
+
+    What wanders is the plate around its mean section: patches of other stiffness in it count as the rest does.
+    """
+    section, place = plan.section, model.mesh.element_place.to(modal.eigenvalue)
+    area = plan.geometry.length_x * plan.geometry.length_y
+    rigidity = section.rigidity.mean(-3)[None]
+    coefficient = model.assembly.stiffness_coefficient(rigidity, plan.geometry)[0]
+    heavy = float(section.areal_mass.mean() * area)
+    # [n_element, 12, n_mode]: the modes at the dofs of each element.
+    rows = model.assembly.element_rows() @ modal.shape[:, : modal.n_low]
+
+    def through(weight: Tensor, coefficient: Tensor) -> Tensor:
+        # An element's matrix is the same everywhere: it takes the place of one of the two rows.
+        turned = torch.einsum("k,kpq->pq", coefficient, model.assembly.pattern.to(rows)) @ rows
+        return (rows * weight[:, None, None]).flatten(0, 1).mT @ turned.flatten(0, 1)
+
+    turned_mass = heavy * (model.assembly.mass_pattern.to(rows) @ rows).flatten(0, 1)
+    none = rows.new_zeros(modal.n_low, modal.n_low)
+    terms = [
+        (math.pi * p * place[:, 0]).cos() * (math.pi * q * place[:, 1]).cos()
+        for total in range(1, wandering.order + 1)
+        for p, q in ((k, total - k) for k in range(total + 1))
+    ]
+    # So that all terms together are as large as the standard deviation says, on the mean over the plate.
+    size = 1 / math.sqrt(sum(float(one.square().mean()) for one in terms)) if terms else 0.0
+    found = []
+    for one in terms:
+        stiff = through(one, coefficient)
+        if wandering.thickness > 0:
+            mass = (rows * one[:, None, None]).flatten(0, 1).mT @ turned_mass
+            found.append(("thickness", 3 * wandering.thickness * size * stiff, wandering.thickness * size * mass))
+        if wandering.modulus > 0:
+            found.append(("modulus", wandering.modulus * size * stiff, none))
+    if wandering.grain > 0:
+        everywhere = torch.ones_like(place[:, 0])
+        for changed in (
+            section._replace(young_ratio=section.young_ratio * (1 + STEP)),
+            section._replace(shear_factor=section.shear_factor * (1 + STEP)),
+        ):
+            change = (changed.rigidity.mean(-3)[None] - rigidity) / STEP
+            other = model.assembly.stiffness_coefficient(change, plan.geometry)[0]
+            found.append(("grain", wandering.grain * through(everywhere, other), none))
+    return found
+
+
+def _supports(model: PlateModel, plan: Plan, modal: _Modal, laplace: Tensor, off: float, theta: Tensor) -> list[Tensor]:
+    """What it does that springs and dashpots to the ground sit off their marks."""
+    found = []
+    values = model.values(theta)
+    for label, effect in model.effects.items():
+        if effect.name != "support_spring":
+            continue
+        points = [*effect.nodes, *effect.at]  # type: ignore[attr-defined]
+        place = model.mesh.places(points).to(modal.left)
+        strength = values[label]["stiffness"] + laplace * values[label]["viscous_damping"]
+        rows = model.assembly.rows(model.mesh.deflection_at(place)) @ modal.shape
+        for side, order in ((plan.geometry.length_x, (1, 0)), (plan.geometry.length_y, (0, 1))):
+            moved = (
+                model.assembly.rows(model.mesh.deflection_at(place, *order)) @ modal.shape * (off / float(side.mean()))
+            )
+            left, left_moved = (_sum(modal, modal.left, some) for some in (rows, moved))
+            right, right_moved = (_sum(modal, some, modal.right) for some in (rows, moved))
+            for k in range(len(points)):
+                outer = left[:, :, k, None] * right_moved[:, None, k] + left_moved[:, :, k, None] * right[:, None, k]
+                found.append(-strength[:, None, None] * outer)
+    return found
+
+
+def _remainder(modal: _Modal, moving: Tensor, damped: float) -> Tensor:
+    """Variance of each part of the receptances that the second order of shifts and damping adds."""
+    width = modal.denominator.abs()
+    q = moving * modal.kappa.abs() / width
+    d = damped * modal.damping.abs() / width
+    share = (q.square() / (1 + q)).square() + (d.square() / (1 + d)).square()
+    weight = 0.5 * share / width.square()
+    pairs = (modal.left[:, None] * modal.right[None]).square().flatten(0, 1)
+    return (weight @ pairs.mT).unflatten(-1, (len(modal.left), len(modal.right)))
