@@ -29,6 +29,8 @@ N_TOGETHER = 5
 FREE = 1e-9
 # Bases built for one fit at most, and the relative change of the misfit at which the last is good.
 N_BASIS, SETTLED = 3, 2e-2
+# Times that a fit goes on beside smaller nuisances, and how much smaller one of them has to be.
+N_RESCALED, FEWER = 2, 0.5
 # A parameter off by its standard deviation weighs at the wide levels as much as this part of all that is measured.
 TOLD_PART = 0.05
 
@@ -248,13 +250,38 @@ def fit(
     if problem.knows and 2 * value <= hopeless:
         places, _, _ = problem.descend(position[None], target.levels - 1, N_SHARP, FREE)
         position = places[0]
-    return _judged(builder, corrected, reduced, prior, position)
+    if 2 * value > hopeless:
+        return _judged(builder, corrected, reduced, prior, position, marginal)
+    return _rescaled(builder, corrected, reduced, prior, position)
 
 
-def _judged(builder: ModelBuilder, model: PlateModel, reduced: PlateModel, prior: Prior, position: Tensor) -> Fit:
-    """A fitted model with noise and nuisances as they are where it ended."""
+def _rescaled(builder: ModelBuilder, model: PlateModel, reduced: PlateModel, prior: Prior, position: Tensor) -> Fit:
+    """Judged where it ended; and fitted on beside nuisances that turn out smaller than was said."""
+    target = builder.target
+    marginal = target.marginal(reduced, model.space.to_si(position))
+    found = _judged(builder, model, reduced, prior, position, marginal)
+    for _ in range(N_RESCALED):
+        smaller = {name: min(1.0, scale) for name, scale in found.judged.scale.items()}
+        if all(scale > FEWER * found.marginal.scale.get(name, 1.0) for name, scale in smaller.items()):
+            break
+        marginal = marginal.rescaled(smaller)
+        if len(model.names):
+            problem = Problem(builder, reduced, prior, marginal)
+            position = problem.descend(position[None], target.levels - 1, N_TOGETHER)[0][0]
+        found = _judged(builder, model, reduced, prior, position, marginal)
+    return found
+
+
+def _judged(
+    builder: ModelBuilder,
+    model: PlateModel,
+    reduced: PlateModel,
+    prior: Prior,
+    position: Tensor,
+    marginal: Marginal | TableNoise,
+) -> Fit:
+    """A fitted model beside noise and nuisances."""
     target, theta = builder.target, model.space.to_si(position)
-    marginal = target.marginal(reduced, theta)
     prediction = builder.predict(reduced, theta)
     judged = marginal.judge(marginal.over_noise(target.off(prediction)))
     problem = Problem(builder, reduced, prior, marginal)
@@ -300,7 +327,7 @@ def _unfitted(builder: ModelBuilder, model: PlateModel) -> Fit:
     """A model of numbers alone."""
     theta = model.known.new_zeros(0)
     corrected = builder.corrected(model, theta).model
-    return _judged(builder, corrected, builder.reduced(corrected, theta[None]), {}, theta)
+    return _rescaled(builder, corrected, builder.reduced(corrected, theta[None]), {}, theta)
 
 
 def _slope(model: PlateModel, position: Float[Tensor, " n"]) -> Float[Tensor, " n"]:

@@ -141,9 +141,9 @@ def _chance(naming: Naming) -> str:
     """What it takes beside what chance takes, where that was asked."""
     if naming.by_chance <= 0:
         return ""
-    fall = naming.before.square - naming.hypothesis.fit.square
+    fall = naming.before.cost - naming.hypothesis.fit.cost
     return (
-        f"; it takes {fall:.3g} from the sum of squares, of which the best of the catalogue takes "
+        f"; it takes {fall:.3g} from −2 ln L, of which the best of the catalogue takes "
         f"{naming.by_chance:.3g} once in a hundred times where nothing is missing"
     )
 
@@ -335,9 +335,9 @@ def _nothing_but_chance(seen: Trace) -> tuple[str, ...]:
         return ()
     look = seen.looks[0]
     best = min(look.hypotheses, key=lambda one: one.cost)
-    fall = max(0.0, seen.baseline.fit.square - best.fit.square)
+    fall = max(0.0, seen.baseline.fit.cost - best.fit.cost)
     return (
-        f"The best of the catalogue, {best.name}, would take {fall:.3g} from the sum of squares; where nothing is "
+        f"The best of the catalogue, {best.name}, would take {fall:.3g} from −2 ln L; where nothing is "
         f"missing, the best takes {look.by_chance:.3g} once in a hundred times.",
     )
 

@@ -14,6 +14,7 @@ overlap attract each other, and the minimum is that of the sharp level where the
 import copy
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import fields
 
 import torch
@@ -241,8 +242,9 @@ class FrfTarget(Target):
         if self.gain_is_unknown:
             gain = float(self._gain(self.measured, model.frf(theta, self.frequency)))
             common, own, other = (gain * part for part in found[:3])
-            found = Nuisances(common, own, other, found.group, gain**2 * found.remainder)
-        return Marginal(self.variance + found.remainder, found, self.fitted, freedom, self.settings.knowledge)
+            second = found.second_order._replace(factor=gain**2 * found.second_order.factor)
+            found = Nuisances(common, own, other, found.group, second)
+        return Marginal(self.variance, found, self.fitted, freedom, self.settings.knowledge)
 
     def off(self, prediction: Tensor) -> Tensor:
         """What was measured less a prediction."""
@@ -371,6 +373,7 @@ class TableNoise:
 
     def __init__(self, std: Float[Tensor, " n_mode"]) -> None:
         self.std, self.n = std, float(len(std))
+        self.scale: dict[str, float] = {}
 
     def over_noise(self, off: Float[Tensor, "*batch n_mode"]) -> Float[Tensor, "*batch n_mode"]:
         """Residuals over their standard deviations."""
@@ -379,6 +382,10 @@ class TableNoise:
     def whitened(self, residual: Float[Tensor, "*batch n_mode"]) -> Float[Tensor, "*batch n_mode"]:
         """As they are."""
         return residual
+
+    def rescaled(self, scale: Mapping[str, float]) -> "TableNoise":  # noqa: ARG002
+        """There are no nuisances."""
+        return self
 
     def precision(self, rows: Float[Tensor, "n n_mode"], judged: Judged) -> Float[Tensor, "n n"]:  # noqa: ARG002
         """Their products."""

@@ -39,7 +39,7 @@ class Judged(NamedTuple):
         cost: −2 ln of their likelihood times the priors of the scales, less what noise alone at κ = 1 has of constants.
         noise_scale: κ: what the noise is over what it was estimated as [-].
         scale: what each group of nuisances is over what was said of it [-].
-        white: mean square of the residuals over noise and nuisances as large as was said [-].
+        white: mean square of the residuals over noise and nuisances, these as large as in the marginal [-].
         n: real numbers behind it.
         shift: posterior means of the nuisances in their standard deviations.
     """
@@ -78,6 +78,7 @@ class Marginal:
         fitted: FRFs that count.
         freedom: of the prior of each group's scale; infinite where it is known exactly.
         knowledge: of the noise.
+        scale: what each group is times what was said of it, where residuals are whitened; 1 where it is left out.
     """
 
     def __init__(
@@ -87,7 +88,12 @@ class Marginal:
         fitted: Bool[Tensor, "n_response n_reference"],
         freedom: Mapping[str, float],
         knowledge: Knowledge,
+        scale: Mapping[str, float] | None = None,
     ) -> None:
+        self._given = (variance, nuisances, fitted)
+        self.scale = dict(scale or {})
+        if nuisances is not None:
+            variance = variance + nuisances.second_order.variance(self.scale)
         self.weight = torch.where(fitted, variance.rsqrt(), 0.0)
         self.n = 2.0 * len(variance) * int(fitted.sum())
         self._log_variance = 2 * float(variance[:, fitted].log().sum())
@@ -108,8 +114,12 @@ class Marginal:
         self.names = tuple(dict.fromkeys(names))
         self.group = torch.tensor([self.names.index(name) for name in names], dtype=torch.int64)
         self.gram = self._gram(own, other)
-        root = self._root(torch.ones(len(self.names), dtype=torch.float64))
-        self._half = self._whitener(root)
+        scales = [self.scale.get(name, 1.0) for name in self.names]
+        self._half = self._whitener(self._root(torch.tensor(scales, dtype=torch.float64)))
+
+    def rescaled(self, scale: Mapping[str, float]) -> "Marginal":
+        """The same with nuisances of another size."""
+        return Marginal(*self._given, self.freedom, self.knowledge, scale)
 
     def _weighed(self, columns: Complex[Tensor, "n_frequency n_response n_reference k"] | None) -> Tensor:
         if columns is None:
@@ -170,7 +180,7 @@ class Marginal:
         return torch.view_as_real((off * self.weight).resolve_conj()).flatten(-4)
 
     def whitened(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch n_residual"]:
-        """(D + J S Jᵀ)^−½ of residuals over √D, with nuisances and noise as large as was said."""
+        """(D + J S Jᵀ)^−½ of residuals over √D, with noise as large as was said."""
         if not len(self.group):
             return residual
         return residual - self.across(self.along(residual) @ self._half)
@@ -217,7 +227,7 @@ class Marginal:
         square = float(residual.square().sum())
         white = float(self.whitened(residual).square().sum()) / max(1.0, self.n)
         n_group = len(self.names)
-        scale, noise = torch.ones(n_group, dtype=torch.float64), 1.0
+        scale = torch.tensor([self.scale.get(name, 1.0) for name in self.names], dtype=torch.float64)
         free = torch.tensor([self.freedom.get(name, self.knowledge.untold) for name in self.names])
         fixed = free.isinf()
         # κ can be far from 1: it starts where it would be without nuisances at the scales they have.

@@ -10,6 +10,7 @@ Identification (2012), for what an analyser, its transducers and their mounting 
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -47,6 +48,44 @@ class Wandering:
     order: int = 3
 
 
+class SecondOrder(NamedTuple):
+    """What the first order leaves out where modes move by more than their width.
+
+    Attributes:
+        moving: standard deviation of each mode's eigenvalue by each group [rad²/s²].
+        damped: that of the damping of all modes, relative [-].
+        kappa: what λ is times in the denominator, its absolute value.
+        damping: the part of the denominator that damps, likewise.
+        width: the denominator itself, likewise.
+        pairs: squared products of deflections at responses and references.
+        factor: from receptances to readings, squared.
+        reading: which pair is read under each label; None for its own.
+    """
+
+    moving: Mapping[str, Float[Tensor, " n_mode"]]
+    damped: float
+    kappa: Float[Tensor, "n_frequency n_mode"]
+    damping: Float[Tensor, "n_frequency n_mode"]
+    width: Float[Tensor, "n_frequency n_mode"]
+    pairs: Float[Tensor, "n_pair n_mode"]
+    factor: Float[Tensor, "n_frequency n_response n_reference"]
+    reading: Tensor | None = None
+
+    def variance(self, scale: Mapping[str, float]) -> Float[Tensor, "n_frequency n_response n_reference"]:
+        """Variance of the real and of the imaginary part.
+
+        Args:
+            scale: what each group is times what was said of it; 1 where it is left out.
+        """
+        square = sum((scale.get(name, 1.0) * part).square() for name, part in self.moving.items())
+        q = torch.as_tensor(square).to(self.width).sqrt() * self.kappa / self.width
+        d = scale.get("damping_scatter", 1.0) * self.damped * self.damping / self.width
+        share = (q.square() / (1 + q)).square() + (d.square() / (1 + d)).square()
+        found = ((0.5 * share / self.width.square()) @ self.pairs.mT).unflatten(-1, self.factor.shape[1:])
+        found = found * self.factor
+        return found if self.reading is None else found.flatten(-2)[..., self.reading]
+
+
 class Nuisances(NamedTuple):
     """Changes of the FRFs by one standard deviation each, and what the second order adds.
 
@@ -55,14 +94,14 @@ class Nuisances(NamedTuple):
         by_response: of what each response has of its own.
         by_reference: of what each reference has of its own.
         group: names of the groups of each column of the three.
-        remainder: variance of the real and of the imaginary part that first order leaves out.
+        second_order: what the first order leaves out.
     """
 
     common: Complex[Tensor, "n_frequency n_response n_reference n_common"]
     by_response: Complex[Tensor, "n_frequency n_response n_reference n_own"]
     by_reference: Complex[Tensor, "n_frequency n_response n_reference n_other"]
     group: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
-    remainder: Float[Tensor, "n_frequency n_response n_reference"]
+    second_order: SecondOrder
 
 
 class _Modal(NamedTuple):
@@ -159,22 +198,28 @@ def nuisances(
         change = to_reading(-_sum(modal, modal.left, modal.right, moved / modal.denominator))
         (other if n_reference >= n_response else own).append(("frequency_drift", change))
 
-    moving = torch.zeros_like(modal.eigenvalue)
-    for _, stiffness, mass in wander:
+    nothing = torch.zeros_like(modal.eigenvalue)
+    moving = {"frequency_drift": 2 * drift * modal.eigenvalue, "mesh": nothing.clone()}
+    moving["mesh"][elastic] = 2 * shift * modal.eigenvalue[elastic]
+    for name, stiffness, mass in wander:
         diagonal = stiffness.diagonal() - modal.eigenvalue[: modal.n_low] * mass.diagonal()
-        moving[: modal.n_low] += diagonal.square()
-    moving[elastic] += (2 * shift * modal.eigenvalue[elastic]).square()
-    moving = moving + (2 * drift * modal.eigenvalue).square()
-    remainder = _remainder(modal, moving.sqrt(), damped)
-    scale = as_kind(
-        torch.ones_like(reading), chain._replace(reading=None), kind if reference is not None else "accelerance"
+        before = moving.get(name, nothing)
+        moving[name] = before.square().index_add(0, torch.arange(modal.n_low), diagonal.square()).sqrt()
+    plain = chain._replace(reading=None)
+    factor = as_kind(torch.ones_like(reading), plain, "accelerance" if kind == "transmissibility" else kind)
+    second_order = SecondOrder(
+        moving,
+        damped,
+        modal.kappa.abs(),
+        modal.damping.abs(),
+        modal.denominator.abs(),
+        (modal.left[:, None] * modal.right[None]).square().flatten(0, 1),
+        factor.abs().square(),
+        chain.reading,
     )
-    remainder = remainder * scale.abs().square()
-    if chain.reading is not None:
-        remainder = remainder.flatten(-2)[..., chain.reading]
     columns = [_stacked([change for _, change in part], reading) for part in (common, own, other)]
     names = [tuple(name for name, _ in part) for part in (common, own, other)]
-    return Nuisances(columns[0], columns[1], columns[2], (names[0], names[1], names[2]), remainder)
+    return Nuisances(columns[0], columns[1], columns[2], (names[0], names[1], names[2]), second_order)
 
 
 class _Reading(NamedTuple):
@@ -313,14 +358,3 @@ def _supports(model: PlateModel, plan: Plan, modal: _Modal, laplace: Tensor, off
                 outer = left[:, :, k, None] * right_moved[:, None, k] + left_moved[:, :, k, None] * right[:, None, k]
                 found.append(-strength[:, None, None] * outer)
     return found
-
-
-def _remainder(modal: _Modal, moving: Tensor, damped: float) -> Tensor:
-    """Variance of each part of the receptances that the second order of shifts and damping adds."""
-    width = modal.denominator.abs()
-    q = moving * modal.kappa.abs() / width
-    d = damped * modal.damping.abs() / width
-    share = (q.square() / (1 + q)).square() + (d.square() / (1 + d)).square()
-    weight = 0.5 * share / width.square()
-    pairs = (modal.left[:, None] * modal.right[None]).square().flatten(0, 1)
-    return (weight @ pairs.mT).unflatten(-1, (len(modal.left), len(modal.right)))

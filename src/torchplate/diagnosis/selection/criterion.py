@@ -175,13 +175,13 @@ def is_needed(before: Fit, after: Hypothesis, by_chance: float = 0.0) -> bool:
     Args:
         before: the fit without it.
         after: with it.
-        by_chance: what the best of the catalogue takes from the sum of squares once in a hundred times where nothing is
-            missing; 0 if not known.
+        by_chance: what the best of the catalogue takes from −2 ln L once in a hundred times where nothing is missing; 0
+            if not known.
     """
     settings = before.comparison
     weight = weight_of([before, after.fit])
     none = evidence(before, weight) - 2 * math.log(1 - settings.missing)
-    return after.against(weight) < none and before.square - after.fit.square > by_chance
+    return after.against(weight) < none and before.cost - after.fit.cost > by_chance
 
 
 def is_explained(fit: Fit, target: Target) -> bool:
