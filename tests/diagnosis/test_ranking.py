@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.selection import ranking as module
 from torchplate.diagnosis.model_builder import with_candidate
+from torchplate.diagnosis.selection import ranking as module
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
 from torchplate.diagnosis.selection.screen import screen
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State

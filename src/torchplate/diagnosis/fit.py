@@ -53,6 +53,7 @@ class Fit(NamedTuple):
         n_on_bound: parameters that sit on the edge of their intervals.
         by_noise: whether residuals were weighed by the noise, and not by what the model as such leaves.
         n_modal: numbers that what is left says, where it is not noise.
+        n_mode: modes in the band.
         comparison: by which it is compared with others.
     """
 
@@ -70,6 +71,7 @@ class Fit(NamedTuple):
     n_on_bound: int = 0
     by_noise: bool = True
     n_modal: float = 2.0
+    n_mode: int = 1
     comparison: Comparison = Comparison()
 
     @property
@@ -272,6 +274,12 @@ def _rescaled(builder: ModelBuilder, model: PlateModel, reduced: PlateModel, pri
     return found
 
 
+def judged_at(builder: ModelBuilder, fit: Fit, prior: Prior, position: Tensor) -> Fit:
+    """A model that was fitted beside other evidence, as it is."""
+    marginal = builder.target.marginal(fit.reduced, fit.theta)
+    return _judged(builder, fit.model, fit.reduced, prior, position, marginal)
+
+
 def _judged(
     builder: ModelBuilder,
     model: PlateModel,
@@ -319,6 +327,7 @@ def _judged(
         int(model.space.at_bound(theta).sum()) if n else 0,
         target.trusts_the_noise,
         target.n_modal,
+        target.n_mode,
         target.settings.comparison,
     )
 

@@ -66,3 +66,18 @@ def exchanged(
             break
         chosen[j, k] = _can_spare(measured, measured & ~chosen, j, k)
     return chosen
+
+
+def outliers(
+    measured: Bool[Tensor, "n_response n_reference"], misfit: Float[Tensor, "n_response n_reference"]
+) -> Bool[Tensor, "n_response n_reference"]:
+    """FRFs that disagree with all others: so far above the median, and few.
+
+    Args:
+        measured: which FRFs there are.
+        misfit: mean square of the residuals of each over their variance, at the baseline.
+    """
+    if int(measured.sum()) < LEAST:
+        return torch.zeros_like(measured)
+    odd = measured & (misfit > OUTLIER * misfit[measured].median())
+    return odd if int(odd.sum()) <= int(measured.sum()) / 3 else torch.zeros_like(measured)

@@ -23,7 +23,7 @@ from torch import Tensor
 
 from torchplate.diagnosis.settings import DiagnosisSettings
 from torchplate.discrepancy.marginal import Judged, Marginal
-from torchplate.discrepancy.nuisance import Nuisances, nuisances
+from torchplate.discrepancy.nuisance import UNIFORM, Nuisances, nuisances
 from torchplate.effects import Effect
 from torchplate.measurement import PERFECT, Imperfections, Measurement, NaturalFrequencies
 from torchplate.measurement.noise import Noise
@@ -57,7 +57,8 @@ class Target(ABC):
 
     # Whether residuals are weighed by the noise, and not by what the model as such leaves.
     trusts_the_noise: bool = True
-    # Numbers that what is left says, where it is not noise.
+    # Modes in the band, and numbers that what is left says, where it is not noise.
+    n_mode: int = 1
     n_modal: float = 2.0
     settings: DiagnosisSettings = SETTINGS
 
@@ -209,7 +210,8 @@ class FrfTarget(Target):
         power = self.measured.abs().square()
         twin.model_variance = 0.5 * ((ROUNDING * shape) ** 2 * power + (part * shape).square() * self._around)
         # Of each mode a frequency and a damping, and a deflection at each FRF.
-        twin.n_modal = 2.0 * max(1, n_mode) * (1 + int(self.measurement.measured.sum()))
+        twin.n_mode = max(1, n_mode)
+        twin.n_modal = 2.0 * twin.n_mode * (1 + int(self.measurement.measured.sum()))
         return twin
 
     def inflated(self, prediction: Tensor) -> "FrfTarget":
@@ -238,7 +240,9 @@ class FrfTarget(Target):
         freedom |= {field.name: told for field in fields(Imperfections) if self.imperfections.told(field.name)}
         if not self.trusts_the_noise:
             return Marginal(self.variance / self.independent, None, self.fitted, freedom, self.settings.knowledge)
-        found = nuisances(model, theta, self.frequency, self.imperfections, self.settings.wandering, self.mesh_shift)
+        # Whoever says that nothing of a test is imperfect asks for a world without nuisances, in the plate too.
+        wandering = UNIFORM if self.imperfections == PERFECT else self.settings.wandering
+        found = nuisances(model, theta, self.frequency, self.imperfections, wandering, self.mesh_shift)
         if self.gain_is_unknown:
             gain = float(self._gain(self.measured, model.frf(theta, self.frequency)))
             common, own, other = (gain * part for part in found[:3])
@@ -285,6 +289,28 @@ class FrfTarget(Target):
         off = self.measured[:: self._every] - prediction
         kept = self._filters[level].to(off) @ ((off * self._scales[level])[..., self.fitted] @ self._mix)
         return torch.view_as_real(kept).flatten(-3)
+
+    def signs(
+        self, prediction: Complex[Tensor, "n_member n_frequency n_response n_reference"]
+    ) -> tuple[Float[Tensor, "n_response n_reference"], float]:
+        """Signs of the FRFs at which the best of some predictions comes nearest, and how near: at the widest level.
+
+        Args:
+            prediction: of several members, at the lines of that level.
+
+        Returns:
+            1 or −1 of each FRF; and the sum of squares with these signs over the least one with all of them 1.
+        """
+        kernel = self._filters[0].to(self.measured)
+        scale = self._scales[0]
+        measured = kernel @ (self.measured[:: self._every] * scale).flatten(1)
+        model = kernel @ (prediction * scale).flatten(-2)
+        both = measured.abs().square().sum(0) + model.abs().square().sum(-2)
+        product = 2 * (measured.conj() * model).real.sum(-2)
+        best = (both - product.abs()).sum(-1).argmin()
+        turned = (both - product.abs()).sum(-1)[best] / (both - product).sum(-1).amin().clamp(min=1e-300)
+        sign = torch.where(product[best] < 0, -1.0, 1.0).to(self.frequency)
+        return sign.unflatten(0, self.measured.shape[1:]), float(turned)
 
     def expected_gap(self, marginal: "Marginal | TableNoise") -> float:
         """What noise and nuisances, as large as was said, together make the gap of the fitted FRFs."""

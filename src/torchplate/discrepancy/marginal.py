@@ -42,6 +42,7 @@ class Judged(NamedTuple):
         white: mean square of the residuals over noise and nuisances, these as large as in the marginal [-].
         n: real numbers behind it.
         shift: posterior means of the nuisances in their standard deviations.
+        second_order: part of the variance of a number that the second order of the nuisances makes, on the mean [-].
     """
 
     cost: float
@@ -50,6 +51,7 @@ class Judged(NamedTuple):
     white: float
     n: float
     shift: Float[Tensor, " n_nuisance"]
+    second_order: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -92,8 +94,10 @@ class Marginal:
     ) -> None:
         self._given = (variance, nuisances, fitted)
         self.scale = dict(scale or {})
+        self._second_order = 0.0
         if nuisances is not None:
-            variance = variance + nuisances.second_order.variance(self.scale)
+            plain, variance = variance, variance + nuisances.second_order.variance(self.scale)
+            self._second_order = float((1 - plain / variance)[:, fitted].mean())
         self.weight = torch.where(fitted, variance.rsqrt(), 0.0)
         self.n = 2.0 * len(variance) * int(fitted.sum())
         self._log_variance = 2 * float(variance[:, fitted].log().sum())
@@ -266,7 +270,9 @@ class Marginal:
         prior = float((free * (scale.square().log() + 1 / scale.square() - 1)).sum())
         prior += self.knowledge.noise * (math.log(noise) + 1 / noise - 1)
         scales = dict(zip(self.names, scale.tolist(), strict=True))
-        return Judged(cost + prior, math.sqrt(noise), scales, white, self.n, mean * self._root(scale))
+        return Judged(
+            cost + prior, math.sqrt(noise), scales, white, self.n, mean * self._root(scale), self._second_order
+        )
 
     def _cost(self, square: float, along: Tensor, scale: Tensor, noise: float) -> float:
         """−2 ln p but for n ln 2π."""

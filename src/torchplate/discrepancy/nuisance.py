@@ -48,6 +48,10 @@ class Wandering:
     order: int = 3
 
 
+# A plate that is the same everywhere.
+UNIFORM = Wandering(0.0, 0.0, 0.0, 0)
+
+
 class SecondOrder(NamedTuple):
     """What the first order leaves out where modes move by more than their width.
 

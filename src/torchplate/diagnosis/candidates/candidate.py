@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from torchplate.diagnosis.candidates.channels import Channels, Rearrangements
 from torchplate.diagnosis.candidates.held_edges import standing_for
 from torchplate.effects import CATALOGUE, Effect, Parameter, options
 from torchplate.model import PlateModel, Searched
@@ -36,9 +37,8 @@ SLACK = 2.0
 PLACES = (0.03, 0.19, 0.35, 0.5, 0.65, 0.81, 0.97)
 PATCHES = (0.1, 0.3, 0.5, 0.7, 0.9)
 SIZES = (0.15, 0.35)
-# Members tried of a candidate with several parameters: of all values together, of those half way to the ends; and
-# choices of channels.
-MOST_MEMBERS, MOST_CORNERS, MOST_CHOICES = 60, 81, 400
+# Members tried of a candidate with several parameters: of all values together, of those half way to the ends.
+MOST_MEMBERS, MOST_CORNERS = 60, 81
 # A place given is a node's if it is this near, relative to the plate.
 ON_NODE = 1e-4
 # Effects that are no candidates: the plate itself, and what is settled before anything is named.
@@ -94,7 +94,8 @@ class Candidate:
 def candidates(
     model: PlateModel,
     theta: Tensor,
-    channels: "Channels",
+    channels: Channels,
+    rearranged: Rearrangements | None = None,
 ) -> list[Candidate]:
     """Every effect that this model may lack, once for each choice of its options.
 
@@ -102,13 +103,14 @@ def candidates(
         model: as it is.
         theta: its searched parameters.
         channels: labels of the responses and references that were measured.
+        rearranged: exchanges and turns of them that promise something; None where there are none.
     """
     plan = model.plan(theta)
     found = []
     for name, kind in CATALOGUE.items():
         if name in NEVER:
             continue
-        for chosen in _choices(kind, model, channels):
+        for chosen in _choices(kind, model, channels, rearranged):
             effect = kind(**chosen)
             free = {
                 key: parameter
@@ -141,19 +143,6 @@ def candidates(
     return found
 
 
-@dataclass(frozen=True)
-class Channels:
-    """Labels of what was measured, as effects name them.
-
-    Attributes:
-        response: node labels or relative places.
-        reference: likewise; empty where the base moves.
-    """
-
-    response: tuple[Any, ...]
-    reference: tuple[Any, ...]
-
-
 def channels_of(model: PlateModel) -> Channels:
     """The model's responses and references, by node label where they sit on a node."""
     grid = model.mesh.places(list(range(1, (model.mesh.n_x + 1) * (model.mesh.n_y + 1) + 1)))
@@ -169,22 +158,18 @@ def channels_of(model: PlateModel) -> Channels:
     return Channels(labels(model.response), labels(model.reference))
 
 
-def _choices(kind: type[Effect], model: PlateModel, channels: Channels) -> Iterator[dict[str, Any]]:
+def _choices(
+    kind: type[Effect], model: PlateModel, channels: Channels, rearranged: Rearrangements | None
+) -> Iterator[dict[str, Any]]:
     """The options with which an effect may be missing."""
     keys = options(kind)
     if "edge" in keys:
         held = {edge for edge, condition in model.mesh.edges.items() if condition != "free"}
         yield from ({"edge": edge} for edge in EDGES if edge not in held)
     elif kind.name == "channel_polarity":
-        sides = [[(one, None) for one in channels.response], [(None, one) for one in channels.reference]]
-        pairs = [(a, b) for a in channels.response for b in channels.reference]
-        singles = pairs if min(len(channels.response), len(channels.reference)) > 1 else []
-        every = [one for side in sides if len(side) > 1 for one in side] + singles
-        yield from ({"channels": (one,)} for one in every[:MOST_CHOICES])
+        yield from () if rearranged is None else rearranged.polarity
     elif kind.name == "channel_swap":
-        responses = [((a, None), (b, None)) for a, b in itertools.combinations(channels.response, 2)]
-        references = [((None, a), (None, b)) for a, b in itertools.combinations(channels.reference, 2)]
-        yield from ({"channels": pair} for pair in [*responses, *references][:MOST_CHOICES])
+        yield from () if rearranged is None else rearranged.swap
     elif kind.name == "sensor_position":
         several = len(channels.response) > 1
         yield from ({"response": one} for one in channels.response) if several else iter([{}])

@@ -9,7 +9,11 @@ L with the nuisances integrated out. w tempers the likelihood, because noise and
 numbers count as n_eff = w n. Where noise is left, 1/n_eff = 1/n + ε; where more is left, the rest is not
 independent from line to line, and it says no more than there are frequencies, dampings and deflections of modes:
 
-    1/n_eff = (1 − u) (1/n + ε) + u / n_modal,    u = 1 − 1/κ² the part of what is left that is not noise.
+    1/n_eff = (1 − u − v) (1/n + ε) + u / n_modal + v / (2 n_mode),
+
+u = (1 − v) (1 − 1/κ²) the part of what is left that is not noise, and v the part of the variance that the second order
+of the nuisances makes: modes that wander by more than their width, each with a frequency and a damping that all FRFs
+share.
 
 Sources: Tierney and Kadane, J. American Statistical Association 81 (1986) 82, for Laplace's approximation; Kass and
 Raftery, ibid. 90 (1995) 773, for Bayes factors; Miller and Dunson, ibid. 114 (2019) 1113, for tempering by what the
@@ -112,9 +116,11 @@ def weight_of(fits: Sequence[Fit]) -> float:
     """n_eff / n of the fit that leaves least."""
     best = min(fits, key=lambda one: one.judged.noise_scale)
     n = max(1.0, best.judged.n)
-    unexplained = max(0.0, 1 - 1 / max(1e-9, best.judged.noise_scale) ** 2)
-    independent = (1 - unexplained) * (1 / n + best.comparison.misspecified)
-    return min(1.0, 1 / (n * (independent + unexplained / best.n_modal)))
+    second = best.judged.second_order
+    unexplained = (1 - second) * max(0.0, 1 - 1 / max(1e-9, best.judged.noise_scale) ** 2)
+    independent = (1 - second - unexplained) * (1 / n + best.comparison.misspecified)
+    shared = unexplained / best.n_modal + second / (2 * best.n_mode)
+    return min(1.0, 1 / (n * (independent + shared)))
 
 
 def choose(hypotheses: Sequence[Hypothesis], none: Fit, best: Hypothesis | None = None) -> Choice:

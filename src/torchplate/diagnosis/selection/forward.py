@@ -9,12 +9,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.candidates.candidate import channels_of
-from torchplate.diagnosis.fit import Fit, Prior, Problem, fit, widely
-from torchplate.diagnosis.holdout import exchanged, held_out
+from torchplate.diagnosis.fit import Fit, Prior, Problem, fit, judged_at, widely
+from torchplate.diagnosis.holdout import exchanged, held_out, outliers
 from torchplate.diagnosis.model_builder import SETTLING, ModelBuilder, with_candidate
 from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis, choose, is_explained, is_needed, is_noise
@@ -28,6 +29,8 @@ from torchplate.measurement import Imperfections, Measurement, NaturalFrequencie
 from torchplate.measurement.noise import Noise, noise_level
 from torchplate.model import PlateModel
 
+# Signs of FRFs are turned round for the baseline where that leaves this part of the sum of squares, or less.
+TURNED = 0.5
 # Members of the first look over the box, and those that go down from there.
 N_LOOK, N_DESCEND = 96, 8
 # Hypotheses from which the next effect is looked for where one alone does not explain the data.
@@ -99,9 +102,7 @@ def diagnose(
         target = FrequencyTarget(natural_frequencies)
     selection = ForwardSelection.of(model, target, dict(tolerance or {}), say)
     baseline = selection.baseline()
-    seen = selection.with_outliers_seen(baseline)
-    if seen is not selection:
-        selection, baseline = seen, seen.again(baseline)
+    selection, baseline = selection.robust(baseline)
     given = selection.as_given(baseline)
     state, looks = selection.travel(baseline, most_effects)
     few = measurement is None or len(measurement.pairs) < FEW
@@ -160,14 +161,56 @@ class ForwardSelection:
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} times what noise and nuisances explain")
         return State(model, found)
 
-    def with_outliers_seen(self, baseline: State) -> "ForwardSelection":
-        """The same, with FRFs that are far worse than the others given back to the fit: what ails them must be seen."""
+    def robust(self, baseline: State) -> tuple["ForwardSelection", State]:
+        """The baseline where channels that disagree with all others do not bend it; the fits then see these.
+
+        Channels read the other way round are turned, and FRFs far worse than the others left out, for the baseline's
+        own fit alone.
+        """
         target = self.builder.target
         if not isinstance(target, FrfTarget):
-            return self
-        square = (target.measured - baseline.fit.prediction).abs().square() / target.variance
-        changed = exchanged(target.heldout, target.measurement.measured, square.mean(0) / 2)
-        return self if torch.equal(changed, target.heldout) else self.against(target.holding_out(changed))
+            return self, baseline
+        baseline = self._beside_turned(baseline)
+        odd = outliers(target.measurement.measured, self._misfit(baseline))
+        if not bool(odd.any()):
+            return self, baseline
+        self.say(f"baseline: {int(odd.sum())} FRFs disagree with all others and are left out of its fit")
+        alone = self.against(target.holding_out(target.heldout | odd)).again(baseline)
+        changed = exchanged(target.heldout, target.measurement.measured, self._misfit(alone))
+        twin = self.against(target.holding_out(changed))
+        return twin, twin.here(alone)
+
+    def _misfit(self, baseline: State) -> Float[Tensor, "n_response n_reference"]:
+        """Mean square of each FRF's residuals over their variance."""
+        target = self.builder.target
+        assert isinstance(target, FrfTarget)
+        return ((target.measured - baseline.fit.prediction).abs().square() / target.variance).mean(0) / 2
+
+    def _beside_turned(self, baseline: State) -> State:
+        """The baseline as it is beside FRFs of the signs that suit it, if that takes it much nearer."""
+        target, model = self.builder.target, baseline.model
+        assert isinstance(target, FrfTarget)
+        if not len(model.names):
+            return baseline
+        problem = Problem(self.builder, baseline.fit.reduced, {})
+        n = len(model.names)
+        look = torch.cat(
+            [model.space.to_cube(baseline.fit.theta)[None], SobolEngine(n).draw(N_LOOK, dtype=torch.float64)]
+        )
+        sign, part = target.signs(problem.predict(model.space.to_si(look), 0))
+        if part > TURNED or bool((sign > 0).all()):
+            return baseline
+        turned = self.against(target.turned(sign))
+        found = turned.baseline()
+        if found.fit.square > TURNED * baseline.fit.square:
+            return baseline
+        self.say(f"baseline: fitted beside {int((sign < 0).sum())} FRFs turned round")
+        return self.here(found)
+
+    def here(self, state: State) -> State:
+        """A fitted model as it is, judged beside this evidence."""
+        position = state.model.space.to_cube(state.fit.theta)
+        return State(state.model, judged_at(self.builder, state.fit, self.prior, position))
 
     def again(self, baseline: State) -> State:
         """The baseline beside this evidence, from where it was."""

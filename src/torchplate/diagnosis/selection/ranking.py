@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.candidates.candidate import Candidate, Channels, candidates
+from torchplate.diagnosis.candidates.candidate import Candidate, candidates
+from torchplate.diagnosis.candidates.channels import Channels, Rearrangements, rearrangements
 from torchplate.diagnosis.candidates.supports import supports_at, tighter_at
 from torchplate.diagnosis.fit import Prior, Problem, fit, one_level, widely
 from torchplate.diagnosis.localise import UNIT, missing_force
@@ -70,9 +71,12 @@ class Ranking:
         """Score the whole catalogue, and refit what promises most."""
         builder, misfit = self.builder, state.fit.reduced_misfit
         base = builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
-        everyone = candidates(base, state.fit.theta, self.channels)
+        rearranged = self._rearranged(state)
+        everyone = candidates(base, state.fit.theta, self.channels, rearranged)
         self.say(f"scoring {len(everyone)} candidates")
         self._n_option = {one.name: sum(other.name == one.name for other in everyone) for one in everyone}
+        if rearranged is not None:
+            self._n_option |= {"channel_swap": rearranged.n_swap, "channel_polarity": rearranged.n_polarity}
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         by_chance = 0.0
@@ -97,6 +101,14 @@ class Ranking:
             # A support stays where it is: it is named where little else is missing, and it is there.
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= LITTLE)]
         return Ranked(tuple(promises), tuple(_best_of_each(ended)), by_chance)
+
+    def _rearranged(self, state: State) -> Rearrangements | None:
+        """Exchanges and turns of channels that promise something."""
+        target = self.builder.target
+        if not isinstance(target, FrfTarget):
+            return None
+        weight = torch.where(target.measurement.measured, 1 / target.variance, 0.0)
+        return rearrangements(self.channels, target.measured, state.fit.prediction, weight)
 
     def _nearby(self, state: State, base: PlateModel, everyone: Sequence[Candidate]) -> tuple[list[Scored], float]:
         """All candidates scored where peaks overlap; and what chance takes, where little is left."""

@@ -1,0 +1,129 @@
+"""The marginal likelihood against the whole covariance matrix, and the scales that it finds."""
+
+import pytest
+import torch
+
+from torchplate.discrepancy.marginal import Judged, Knowledge, Marginal
+from torchplate.discrepancy.nuisance import Nuisances, SecondOrder
+
+SHAPE = (9, 2, 3)
+
+
+def complex_normal(generator, *shape):
+    parts = (torch.randn(*shape, generator=generator, dtype=torch.float64) for _ in range(2))
+    return torch.complex(*parts)
+
+
+def none(shape) -> SecondOrder:
+    nothing = torch.zeros(shape[0], 1, dtype=torch.float64)
+    pairs = torch.zeros(shape[1] * shape[2], 1, dtype=torch.float64)
+    return SecondOrder({}, 0.0, nothing, nothing, nothing + 1, pairs, torch.ones(shape, dtype=torch.float64))
+
+
+def marginal(seed=0, shape=SHAPE, size=1.0, fitted=None, freedom=None) -> Marginal:
+    generator = torch.Generator().manual_seed(seed)
+    columns = [size * complex_normal(generator, *shape, k) for k in (2, 1, 2)]
+    group = (("a", "b"), ("a",), ("c", "d"))
+    variance = 0.5 + torch.rand(shape, generator=generator, dtype=torch.float64)
+    fitted = torch.ones(shape[1:], dtype=torch.bool) if fitted is None else fitted
+    return Marginal(variance, Nuisances(*columns, group, none(shape)), fitted, freedom or {}, Knowledge())
+
+
+def matrix(one: Marginal, scale: Judged | None = None) -> torch.Tensor:
+    columns = one.across(torch.eye(len(one.group), dtype=torch.float64)).mT
+    size = torch.ones(len(one.group), dtype=torch.float64)
+    noise = 1.0
+    if scale is not None:
+        size = torch.tensor([scale.scale[one.names[k]] for k in one.group.tolist()], dtype=torch.float64)
+        noise = scale.noise_scale**2
+    return noise * torch.eye(len(columns), dtype=torch.float64) + (columns * size**2) @ columns.mT
+
+
+@pytest.fixture
+def residual():
+    return torch.randn(2 * 9 * 6, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+
+
+def test_products_with_the_columns_are_each_others_transposes(residual):
+    one = marginal()
+    columns = one.across(torch.eye(len(one.group), dtype=torch.float64)).mT
+    assert len(one.group) == 2 + 2 * 1 + 3 * 2
+    assert torch.allclose(one.along(residual), columns.mT @ residual)
+    assert torch.allclose(one.gram, columns.mT @ columns)
+    batch = torch.stack([residual, 2 * residual])
+    assert torch.allclose(one.along(batch)[1], 2 * one.along(residual))
+
+
+def test_whitening_is_the_inverse_root_of_the_covariance(residual):
+    one = marginal()
+    white = one.whitened(residual)
+    assert float(white @ white) == pytest.approx(float(residual @ torch.linalg.solve(matrix(one), residual)))
+    # The symmetric root: twice whitened is the inverse.
+    assert torch.allclose(one.whitened(white), torch.linalg.solve(matrix(one), residual))
+
+
+def test_the_cost_is_minus_twice_the_logarithm_of_the_likelihood(residual):
+    one = marginal()
+    judged = one.judge(residual)
+    whole = matrix(one, judged)
+    expected = float(torch.logdet(whole) + residual @ torch.linalg.solve(whole, residual))
+    size = torch.tensor([judged.scale[name] for name in one.names], dtype=torch.float64)
+    found = one._cost(float(residual @ residual), one.along(residual), size, judged.noise_scale**2)
+    assert found - one._log_variance == pytest.approx(expected)
+
+
+def test_the_information_is_that_of_the_whole_covariance(residual):
+    one = marginal()
+    judged = one.judge(residual)
+    rows = torch.randn(3, len(residual), generator=torch.Generator().manual_seed(8), dtype=torch.float64)
+    expected = rows @ torch.linalg.solve(matrix(one, judged), rows.mT)
+    assert torch.allclose(one.precision(rows, judged), expected)
+
+
+@pytest.mark.parametrize(("size", "noise"), [(1.0, 1.0), (0.1, 1.0), (2.5, 1.0), (1.0, 3.0)])
+def test_scales_of_nuisances_and_noise_come_back(size, noise):
+    """Some hundred numbers of each kind: good to a tenth."""
+    shape, freedom = (60, 1, 80), {"c": 1.0, "d": 1.0}
+    one = marginal(3, shape, freedom=freedom)
+    generator = torch.Generator().manual_seed(11)
+    value = size * torch.randn(len(one.group), generator=generator, dtype=torch.float64)
+    drawn = noise * torch.randn(2 * 60 * 80, generator=generator, dtype=torch.float64) + one.across(value)
+    judged = one.judge(drawn)
+    assert judged.noise_scale == pytest.approx(noise, rel=0.05)
+    for name in ("c", "d"):
+        # One more number of the prior, about 1, beside the eighty or so of the data.
+        expected = ((size**2 + 1 / 80) / (1 + 1 / 80)) ** 0.5
+        assert judged.scale[name] == pytest.approx(expected, rel=0.25)
+    known = one.group >= 2
+    assert torch.corrcoef(torch.stack([judged.shift[known], value[known]]))[0, 1] > 0.8
+
+
+def test_a_scale_that_is_known_exactly_stays():
+    one = marginal(freedom={"a": float("inf")})
+    drawn = one.across(9.0 * torch.ones(len(one.group), dtype=torch.float64))
+    assert one.judge(drawn).scale["a"] == 1.0
+
+
+def test_frfs_that_do_not_count_change_nothing(residual):
+    fitted = torch.tensor([[True, False, True], [True, True, True]])
+    one = marginal(fitted=fitted)
+    off = complex_normal(torch.Generator().manual_seed(2), *SHAPE)
+    other = off.clone()
+    other[:, 0, 1] += 100.0
+    assert torch.equal(one.over_noise(off), one.over_noise(other))
+    assert one.n == 2 * 9 * 5
+    assert one.judge(one.over_noise(off)).cost == one.judge(one.over_noise(other)).cost
+
+
+def test_smaller_nuisances_let_residuals_count_more(residual):
+    one = marginal(size=3.0)
+    less = one.rescaled(dict.fromkeys(one.names, 0.1))
+    assert float(less.whitened(residual).norm()) > float(one.whitened(residual).norm())
+    # The evidence finds the scales by itself, wherever it begins.
+    assert less.judge(residual).cost == pytest.approx(one.judge(residual).cost, abs=0.05)
+
+
+def test_expected_power_is_noise_and_nuisances():
+    one = marginal()
+    expected = matrix(one).diagonal().unflatten(0, (*SHAPE, 2)).sum(-1) / one.weight.square()
+    assert torch.allclose(one.power(), expected)

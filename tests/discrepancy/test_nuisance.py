@@ -1,0 +1,136 @@
+"""Columns of the nuisances are the derivatives of the FRFs, by differences of models in which they are real."""
+
+import pytest
+import torch
+
+from torchplate.discrepancy.nuisance import UNIFORM, Wandering, nuisances
+from torchplate.effects import CATALOGUE
+from torchplate.measurement import PERFECT, Imperfections
+from torchplate.model import PlateModel, Searched
+from torchplate.plate import Mesh
+
+RESPONSE, REFERENCE = [3, 17], [7, 9, 21]
+LINES = torch.linspace(20.0, 300.0, 240, dtype=torch.float64)
+NOBODY = torch.zeros(0, dtype=torch.float64)
+KNOWN = {
+    "plate.youngs_modulus": 2.05e11,
+    "plate.poisson_ratio": 0.3,
+    "plate.density": 7860.0,
+    "plate.thickness": 0.0027,
+    "wires.stiffness": 1300.0,
+    "wires.viscous_damping": 0.5,
+    "loss.stiffness_loss_factor": 3e-3,
+    "grain.young_ratio": 1.0,
+    "grain.shear_factor": 1.0,
+    "delay.delay": 1e-4,
+}
+SIDES = (0.48, 0.4)
+# Dashpots that couple modes are left out of the columns, which are those of a covariance: some per cent of them here.
+UNCOUPLED = 5e-2
+
+
+def plate(*searched: str, at=(2, 10, 61, 69), kind="accelerance") -> PlateModel:
+    effects = {
+        "plate": CATALOGUE["plate"](),
+        "wires": CATALOGUE["support_spring"](at=at)
+        if isinstance(at[0], tuple)
+        else CATALOGUE["support_spring"](nodes=at),
+        "loss": CATALOGUE["hysteretic_damping"](),
+        "grain": CATALOGUE["orthotropy"](),
+        "delay": CATALOGUE["time_delay"](),
+    }
+    known = {key: value for key, value in KNOWN.items() if key not in searched}
+    box = {key: Searched(0.5 * KNOWN[key], 1.5 * KNOWN[key]) for key in searched}
+    return PlateModel(Mesh(*SIDES, 8, 7), effects, known, box, RESPONSE, REFERENCE, kind)
+
+
+def found(imperfections=PERFECT, wandering=UNIFORM, mesh=0.0):
+    return nuisances(plate(), NOBODY, LINES, imperfections, wandering, torch.full_like(LINES, mesh))
+
+
+def change(name: str) -> torch.Tensor:
+    """dH / d ln of a parameter."""
+    model, step = plate(name), 1e-5
+    at = torch.tensor([[KNOWN[name] * (1 + step)], [KNOWN[name] * (1 - step)]], dtype=torch.float64)
+    above, below = model.frf(at, LINES)
+    return (above - below) / (2 * step)
+
+
+def off(one: torch.Tensor, other: torch.Tensor) -> float:
+    return float((one - other).norm() / other.norm())
+
+
+def test_grain_changes_what_orthotropy_changes():
+    columns = found(wandering=Wandering(0.0, 0.0, 0.02, 0))
+    assert columns.group[0] == ("grain", "grain")
+    for index, name in enumerate(("grain.young_ratio", "grain.shear_factor")):
+        assert off(columns.common[..., index], 0.02 * change(name)) < UNCOUPLED
+
+
+def test_damping_of_all_modes_together_is_the_damping_of_the_model():
+    """Modes beyond the band are not scattered: what they add to damping in the band is little."""
+    columns = found(Imperfections(0.0, 0.0, 0.0, 0.1))
+    assert set(columns.group[0]) == {"damping_scatter"}
+    both = change("loss.stiffness_loss_factor") + change("wires.viscous_damping")
+    assert off(columns.common.sum(-1), 0.1 * both) < UNCOUPLED
+
+
+def test_a_mesh_that_shifts_every_mode_is_another_modulus_to_the_free_plate():
+    columns = found(mesh=1e-4)
+    elastic = change("plate.youngs_modulus") + change("wires.stiffness")
+    # ln f moves by half of ln E; rigid-body modes and modes beyond the band stay.
+    upper = LINES > 40
+    assert off(columns.common.sum(-1)[upper], 2e-4 * elastic[upper]) < 0.05
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_places_of_sensors_and_hits_move_readings_by_the_slope(axis):
+    columns, model = found(Imperfections(2e-3, 0.0, 0.0, 0.0)), plate()
+    assert columns.group[1] == columns.group[2] == ("position_std", "position_std")
+    step = torch.zeros(2, dtype=torch.float64)
+    step[axis] = 1e-6
+    for name, points, own in (
+        ("response", RESPONSE, columns.by_response),
+        ("reference", REFERENCE, columns.by_reference),
+    ):
+        place = model.mesh.places(points)
+        above, below = (model.frf(NOBODY, LINES, **{name: place + sign * step}) for sign in (1, -1))
+        expected = (above - below) / 2e-6 * 2e-3 / SIDES[axis]
+        assert off(own[..., axis], expected) < UNCOUPLED
+
+
+def test_wires_off_their_marks_change_what_wires_elsewhere_do():
+    columns = found(Imperfections(2e-3, 0.0, 0.0, 0.0))
+    places = [tuple(one) for one in plate().mesh.places([2, 10, 61, 69]).tolist()]
+    moved = list(places)
+    step = 1e-5
+    moved[0] = (places[0][0] + step, places[0][1])
+    expected = (plate(at=tuple(moved)).frf(NOBODY, LINES) - plate(at=tuple(places)).frf(NOBODY, LINES)) / step
+    expected = expected * 2e-3 / SIDES[0]
+    assert columns.group[0] == ("position_std",) * 8
+    assert off(columns.common[..., 0], expected) < 2 * UNCOUPLED
+
+
+def test_drift_stretches_the_frequency_axis_of_one_record_and_calibration_its_level():
+    columns = found(Imperfections(0.0, 1e-3, 0.03, 0.0))
+    assert columns.group == ((), ("calibration_std",), ("calibration_std", "frequency_drift"))
+    reading = plate().frf(NOBODY, LINES)
+    assert off(columns.by_reference[..., 0], 0.03 * reading) < UNCOUPLED
+    elastic = change("plate.youngs_modulus") + change("wires.stiffness")
+    assert off(columns.by_reference[..., 1], 2e-3 * elastic) < UNCOUPLED
+
+
+def test_a_perfect_test_of_a_uniform_plate_has_no_nuisances():
+    columns = found()
+    assert columns.group == ((), (), ())
+    assert float(columns.second_order.variance({}).abs().max()) == 0.0
+
+
+def test_the_second_order_is_what_the_first_leaves_out_and_scales_with_the_size():
+    columns = found(mesh=1e-3)
+    full, half = (columns.second_order.variance({"mesh": size}) for size in (1.0, 0.5))
+    # Where modes move by less than their width it goes as the fourth power, beyond it as the square.
+    ratio = float(full.sum() / half.sum())
+    assert 4.0 < ratio < 16.0
+    small = [columns.second_order.variance({"mesh": size}).sum() for size in (1e-3, 5e-4)]
+    assert float(small[0] / small[1]) == pytest.approx(16.0, rel=0.02)
