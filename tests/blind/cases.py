@@ -9,7 +9,7 @@ to |H|, in half the same on all lines; in half with the coherence that so many a
 """
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain as joined
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ import yaml
 from blind import beyond
 from blind.detect import Fitted, detectable, remains
 from blind.effects import Hidden, Truth, apply, bare, draw_hidden, needs_loss
+from blind.nuisances import CLEAN
 from blind.plates import ALUMINIUM, STEEL, Rng, Specimen, config, draw_specimen, log_uniform, place_of, wires_of
 from torchplate.measurement import SI_UNIT, Channel, Measurement, write_uff
 
@@ -79,7 +80,7 @@ class Case:
     name: str
     kind: str
     config: dict[str, Any]
-    measurement: Measurement
+    measurement: Measurement | None  # None where a table of natural frequencies is all there is
     truth: list[Hidden]
     noise: float  # ‖noise‖ / ‖H‖ of every FRF [-]
     shows: tuple[float, ...]  # what is left of each hidden effect after the fit [-]
@@ -89,11 +90,16 @@ class Case:
     file: str
     specimen: Specimen
     extra: dict[str, float] = field(default_factory=dict)
+    stratum: str = "clean"
+    # Of each hidden effect: "yes", "no" or "either"; see `detect.seen`. Empty: all show.
+    detectable: tuple[str, ...] = ()
 
     def write(self, folder: Path) -> Path:
         """Write the measurement and config.yaml; of the truth it says nothing."""
         folder.mkdir(parents=True, exist_ok=True)
-        if self.file.endswith(".npz"):
+        if self.measurement is None:
+            pass
+        elif self.file.endswith(".npz"):
             self.measurement.to_npz(folder / self.file)
         else:
             write_uff(self.measurement, folder / self.file, binary=True)
@@ -109,7 +115,9 @@ class Case:
             "youngs_modulus": self.youngs_modulus, "young_is_seen": self.young_is_seen, "sides": list(self.sides),
             "grid": list(self.specimen.grid), "response": list(self.specimen.response),
             "reference": list(self.specimen.reference),
-            "n_frf": int(self.measurement.measured.sum()), "n_line": len(self.measurement.frequency),
+            "n_frf": int(self.measurement.measured.sum()) if self.measurement else 0,
+            "n_line": len(self.measurement.frequency) if self.measurement else 0,
+            "stratum": self.stratum, "by": self.specimen.plate.by, "detectable": list(self.detectable),
             "known": known(self.config), "stated": stated(self.config), "extra": self.extra,
         }  # fmt: skip
 
@@ -132,8 +140,14 @@ def seed_of(seed_set: str, index: int) -> list[int]:
     return [int.from_bytes(hashlib.sha256(seed_set.encode()).digest()[:8], "big"), index]
 
 
-def draw(seed_set: str, index: int) -> Case:
-    """One case: the same for ever for a seed set and an index from 0 to 159."""
+def draw(seed_set: str, index: int, by: str = "ritz") -> Case:
+    """One case: the same for ever for a seed set and an index from 0 to 159.
+
+    Args:
+        seed_set: any word.
+        index: from 0 to 159.
+        by: which truth makes the FRFs: "ritz" or "spectral", where it knows what is hidden.
+    """
     slot, rng = suite()[index], np.random.default_rng(seed_of(seed_set, index))
     kind = STEEL if (index + slot.turn) % 2 == 0 else ALUMINIUM
     coarse = slot.names == ("mesh_discretisation",)
@@ -141,12 +155,14 @@ def draw(seed_set: str, index: int) -> Case:
     drawn = None
     while drawn is None:
         specimen = draw_specimen(rng, kind, coarse, frozenset(slot.names))
+        specimen = replace(specimen, plate=replace(specimen.plate, by=beyond.known_by(by, slot.names)))
         drawn = _draw_truth(rng, specimen, slot, noise)
     hidden, frf, shows, extra = drawn
     n_average = int(rng.choice(N_AVERAGE)) if rng.random() < 0.5 else None
     measurement = measure(rng, specimen, frf, noise, n_average, proportional=bool(rng.random() < 0.5))
     file = "measurement.npz" if rng.random() < 0.5 else "measurement.uff"
     settings = config(specimen, file, needs_loss(hidden), n_average, seed=index)
+    settings["measurement"] |= CLEAN
     uncertain = {"density", "thickness", "sensor_gain", "aspect_ratio"} & {h.effect for h in hidden}
     return Case(
         name=f"{index:03d}", kind=slot.kind, config=settings, measurement=measurement, truth=hidden, noise=noise,
@@ -218,8 +234,14 @@ def measure(
     if n_average is not None:
         spread = sigma**2 * rng.gamma(n_average - 1, size=frf.shape)
         coherence = torch.from_numpy(np.abs(read) ** 2 / (np.abs(read) ** 2 + spread))
+    return as_measurement(specimen, read, coherence, with_places=bool(rng.random() < 0.5))
+
+
+def as_measurement(
+    specimen: Specimen, read: np.ndarray, coherence: torch.Tensor | None, with_places: bool
+) -> Measurement:
+    """FRFs under the labels of the test sheet, with the places of its marks or without."""
     sides = specimen.kind.sides
-    with_places = rng.random() < 0.5
 
     def channels(nodes: tuple[int, ...]) -> tuple[Channel, ...]:
         places = [place_of(node, specimen.grid) for node in nodes]
@@ -231,7 +253,7 @@ def measure(
     kind: Any = specimen.test.kind
     return Measurement(
         frequency=torch.from_numpy(specimen.test.frequency), frf=torch.from_numpy(read),
-        measured=torch.ones(frf.shape[1:], dtype=torch.bool), response=channels(specimen.response),
+        measured=torch.ones(read.shape[1:], dtype=torch.bool), response=channels(specimen.response),
         reference=channels(specimen.reference), kind=kind, unit=SI_UNIT[kind], coherence=coherence,
     )  # fmt: skip
 

@@ -108,3 +108,38 @@ def detectable(truth: Truth, without: Truth, n_wire: int, needed: float = 0.0) -
     frf = truth.frf()
     fitted = Fitted(without, n_wire)
     return remains(frf, fitted, fitted.n_parameter, needed)
+
+
+# What is asked of −2 log marginal likelihood before an effect is to be named. With no prior knowledge of which of some
+# thirty effects is missing, the true one must make up for 1/30: 2 ln 30 = 6.8. Each of its parameters costs the usual
+# Occam factor, 2 ln of its prior range over its posterior's: some ten posterior standard deviations, times √(2π).
+N_HYPOTHESIS = 30
+OCCAM = 2 * float(np.log(10 / np.sqrt(2 * np.pi)))
+# One-sided, 5 %: the fall that is seen scatters about λ by 2 √λ.
+Z95 = 1.645
+# Of what lies beyond the catalogue: nothing else speaks for it than what is left over all lines, and that only beyond
+# what the level of the noise is known to, 10 % in power.
+NOISE_KNOWN = 0.1
+
+
+def needed(n_parameter: int) -> float:
+    """The fall of −2 log likelihood at which an effect of so many parameters is as probable as none."""
+    return 2 * float(np.log(N_HYPOTHESIS)) + OCCAM * n_parameter
+
+
+def seen(fall: float, n_parameter: int) -> str:
+    """Whether an effect whose expected fall is λ is to be named.
+
+    Returns:
+        "yes" where 19 of 20 tests see more than is needed, "no" where 19 of 20 see less, else "either".
+    """
+    return _within(fall, needed(n_parameter), 2 * Z95 * float(np.sqrt(max(fall, 0.0))))
+
+
+def seen_beyond(fall: float, n_data: int) -> str:
+    """The same of what no effect describes, from n real numbers: χ² of n scatters by √(2 n)."""
+    return _within(fall, NOISE_KNOWN * n_data, Z95 * float(np.sqrt(2 * n_data + 4 * max(fall, 0.0))))
+
+
+def _within(fall: float, bound: float, scatter: float) -> str:
+    return "yes" if fall - scatter > bound else "no" if fall + scatter < bound else "either"

@@ -95,6 +95,10 @@ def apply(truth: Truth, specimen: Specimen, hidden: Hidden) -> Truth:
         return replace(truth, damping=damping)
     if name == "viscous_damping":
         return replace(truth, damping=replace(truth.damping, a=p["mass_coefficient"], b=p["stiffness_coefficient"]))
+    if name == "orthotropy":
+        # Beside the grain that the plate has anyway.
+        grain = {"young_ratio": plate.young_ratio * p["young_ratio"], "shear_factor": p["shear_factor"]}
+        return replace(truth, plate=replace(plate, **grain))
     if name in PLATE:
         return replace(truth, plate=replace(plate, **PLATE[name](p)))
     if name in ADDED:
@@ -113,15 +117,20 @@ def apply(truth: Truth, specimen: Specimen, hidden: Hidden) -> Truth:
 # What replaces numbers of the plate, and what adds one term to it.
 PLATE: dict[str, Callable[[Parameters], dict[str, Any]]] = {
     "aspect_ratio": lambda p: {"aspect_ratio": p["ratio"]},
-    "orthotropy": lambda p: {"young_ratio": p["young_ratio"], "shear_factor": p["shear_factor"]},
     "poisson_ratio": lambda p: {"poisson": p["value"]},
     "density": lambda p: {"density": p["value"]},
     "thickness": lambda p: {"thickness": p["value"]},
     "thickness_taper": lambda p: {"taper": (p["slope_x"], p["slope_y"])},
 }
 ADDED: dict[str, tuple[str, Callable[[Parameters, Options], Any]]] = {
-    "stiffness_loss": ("patches", lambda p, _: Patch(p["x"], p["y"], p["size"], p["factor"])),
-    "damping_patch": ("patches", lambda p, _: Patch(p["x"], p["y"], p["size"], 1.0, p["loss_factor"])),
+    "stiffness_loss": (
+        "patches",
+        lambda p, _: Patch(p["x"], p["y"], p["size"], p["factor"], aspect=p.get("aspect", 1.0)),
+    ),
+    "damping_patch": (
+        "patches",
+        lambda p, _: Patch(p["x"], p["y"], p["size"], 1.0, p["loss_factor"], p.get("aspect", 1.0)),
+    ),
     "point_mass": ("masses", lambda p, _: (p["x"], p["y"], p["mass"])),
     "ground_spring": ("springs", lambda p, _: (p["x"], p["y"], p["stiffness"])),
     "ground_dashpot": ("dashpots", lambda p, _: (p["x"], p["y"], p["viscous_damping"])),

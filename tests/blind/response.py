@@ -6,8 +6,8 @@ diagonal; H is taken along by complex modes, C and whatever else sits at points 
 Source: the seed paper, Eq. 17–18; Ewins, Modal Testing (2000); Fladung and Rost, MSSP 11 (1997) 23, for the window.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,8 @@ class Damping:
     eta: float = 0.0
     a: float = 0.0
     b: float = 0.0
+    # What each mode's damping is times, the lowest first; modes beyond have 1 [-].
+    scatter: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class Chain:
         offset: how far each response sits off its label (dx, dy) [m].
         sign: ±1 for each pair.
         reading: which pair, counted along the references first, is read under each label.
+        calibration: gain of each pair [-], from one of its response and one of its reference channel.
+        drift: of all natural frequencies in the record of each reference, relative [-].
     """
 
     rate: float = 0.0
@@ -48,6 +52,8 @@ class Chain:
     offset: dict[int, tuple[float, float]] | None = None
     sign: np.ndarray | None = None
     reading: np.ndarray | None = None
+    calibration: np.ndarray | None = None
+    drift: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -68,10 +74,35 @@ class Test:
 
 def frf(plate: RitzPlate, damping: Damping, chain: Chain, test: Test, n_span: int = N_SPAN) -> np.ndarray:
     """The FRFs as they are read [n_frequency, n_response, n_reference]."""
-    s = test.laplace(chain.rate)
-    return observe(
-        receptance(modes(plate, n_span), plate, damping, s, sat(plate, chain, test), test.reference), chain, test
-    )
+
+    def read(chain: Chain, test: Test) -> np.ndarray:
+        s = test.laplace(chain.rate)
+        motion = receptance(modes(plate, n_span), plate, damping, s, sat(plate, chain, test), test.reference)
+        return observe(motion, chain, test)
+
+    return recorded(read, chain, test)
+
+
+def recorded(read: Callable[[Chain, Test], np.ndarray], chain: Chain, test: Test) -> np.ndarray:
+    """What a test reads whose frequencies drift from record to record, and whose channels have gains of their own.
+
+    With (1 + δ)² K in place of K the receptance is H(s / (1 + δ)) / (1 + δ)². One record for each reference.
+
+    Args:
+        read: the FRFs of a test without either.
+        chain: of the test.
+        test: where and at which lines.
+    """
+    if chain.drift is None and chain.calibration is None:
+        return read(chain, test)
+    plain = replace(chain, sign=None, reading=None, calibration=None, drift=None)
+    drift = np.zeros(len(test.reference)) if chain.drift is None else chain.drift
+    found = []
+    for place, off in zip(test.reference, drift, strict=True):
+        own = replace(test, reference=[place], frequency=test.frequency / (1 + off))
+        found.append(read(plain, own) * (1 + off) ** (DERIVATIVE[test.kind] - 2))
+    whole = np.concatenate(found, axis=2)
+    return relabelled(whole if chain.calibration is None else whole * chain.calibration, chain)
 
 
 def sat(plate: RitzPlate, chain: Chain, test: Test) -> list[Place]:
@@ -86,7 +117,11 @@ def observe(motion: np.ndarray, chain: Chain, test: Test) -> np.ndarray:
     """From receptances to readings."""
     s = test.laplace(chain.rate)
     factor = s ** DERIVATIVE[test.kind] * np.exp(-s * chain.delay) * chain.gain
-    read = motion * factor[:, None, None]
+    return relabelled(motion * factor[:, None, None], chain)
+
+
+def relabelled(read: np.ndarray, chain: Chain) -> np.ndarray:
+    """With the wrong signs and labels of a test."""
     if chain.sign is not None:
         read = read * chain.sign
     if chain.reading is not None:
@@ -127,21 +162,49 @@ def receptance(
     mu = 1j * damping.eta + s * damping.a + s**2
     left = found.deflection([*at, *response])
     right = found.deflection([*at, *reference])
-    alpha = modal_sum(found, damping, kappa, mu, left, right)
+    alpha = modal_sum(found, damping, kappa, mu, left, right, np.array(plate.dashpots).reshape(-1, 3))
     return attach(alpha, dynamic)
 
 
+def scattered(found: Modes, damping: Damping, dashpots: np.ndarray) -> np.ndarray | None:
+    """What each mode's damping has beyond its law, as a hysteretic term i (f − 1) d_r [n_mode] [rad²/s²].
+
+    d_r = β ω² + η + a ω + b ω³ + ω Σ c φ² + φᵀHφ at the mode's own ω.
+    """
+    if not damping.scatter:
+        return None
+    omega = np.sqrt(found.eigenvalue.clip(0.0))
+    own = damping.beta * omega**2 + damping.eta + damping.a * omega + damping.b * omega**3
+    if len(dashpots):
+        own = own + omega * (dashpots[:, 2] @ found.deflection(dashpots[:, :2].tolist()) ** 2)
+    if found.matrices.hysteretic is not None:
+        own = own + np.einsum("im,ij,jm->m", found.shape, found.matrices.hysteretic, found.shape, optimize=True)
+    factor = np.ones(len(omega))
+    n = min(len(factor), len(damping.scatter))
+    factor[:n] = damping.scatter[:n]
+    return 1j * (factor - 1) * own
+
+
 def modal_sum(
-    found: Modes, damping: Damping, kappa: np.ndarray, mu: np.ndarray, left: np.ndarray, right: np.ndarray
+    found: Modes,
+    damping: Damping,
+    kappa: np.ndarray,
+    mu: np.ndarray,
+    left: np.ndarray,
+    right: np.ndarray,
+    dashpots: np.ndarray | None = None,
 ) -> np.ndarray:
     """Σ_r left_r right_r / (κ ω_r² + μ) [n_s, n_left, n_right]; with H over complex modes."""
     shape = (len(mu), len(left), len(right))
     value: np.ndarray = kappa[:, None] * found.eigenvalue
+    extra = scattered(found, damping, np.zeros((0, 3)) if dashpots is None else dashpots)
     if found.matrices.hysteretic is not None:
         if damping.b:
             raise NotImplementedError("A damping patch with stiffness-proportional viscous damping.")
         # κ does not depend on s here.
-        value, left, right = complex_modes(found, complex(kappa[0]), left, right)
+        value, left, right = complex_modes(found, complex(kappa[0]), left, right, extra)
+    elif extra is not None:
+        value = value + extra
     pairs = (left[:, None] * right[None]).reshape(-1, left.shape[-1]).T
     inverse = 1 / (value + mu[:, None])
     if np.iscomplexobj(pairs):
@@ -150,7 +213,7 @@ def modal_sum(
 
 
 def complex_modes(
-    found: Modes, kappa: complex, left: np.ndarray, right: np.ndarray
+    found: Modes, kappa: complex, left: np.ndarray, right: np.ndarray, extra: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Eigenvalues of κK + iH, and left and right over its complex modes.
 
@@ -165,7 +228,10 @@ def complex_modes(
     columns = np.hstack([unit, once, soft * (coupling @ once), static])
     basis = np.linalg.qr(columns / np.linalg.norm(columns, axis=0))[0]
     stiffness = basis.T @ (found.eigenvalue[:, None] * basis)
-    value, vector = np.linalg.eig(kappa * stiffness + 1j * basis.T @ coupling @ basis)
+    whole = kappa * stiffness + 1j * basis.T @ coupling @ basis
+    if extra is not None:
+        whole = whole + basis.T @ (extra[:, None] * basis)
+    value, vector = np.linalg.eig(whole)
     back = np.linalg.solve(vector, (basis.T @ right.T).astype(complex))
     return value, left @ basis @ vector, back.T
 

@@ -10,15 +10,18 @@ shell.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import comb, sqrt
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.linalg
 
 from blind.splines import Splines
+
+if TYPE_CHECKING:
+    from blind.spectral import SpectralMatrices
 
 Interval = tuple[float, float]
 WHOLE: Interval = (0.0, 1.0)
@@ -28,17 +31,25 @@ N_SPAN = 14
 GRADED = (0.005, 0.02)
 # Plates whose modes are kept.
 N_KEPT = 4
+# A mass below this share of the plate bends it so little that its r² log r needs no spans of its own.
+LIGHT = 0.0025
+# Smooth fields of unit mean square over the plate: cos(iπx) cos(jπy), scaled. A plate wanders along the first five;
+# whoever looks for an effect does not know that the others are not there.
+WANDER = ((1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
+N_WANDER = 5
+Weight = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Patch:
-    """A square of side size · √(Lx Ly) [m] with its centre at a relative place."""
+    """A rectangle of area (size · √(Lx Ly))² [m²] with its centre at a relative place; a square at aspect 1."""
 
     x: float
     y: float
     size: float
     factor: float = 1.0  # rigidity there over the sound one [-]
     loss_factor: float = 0.0  # beyond the plate's [-]
+    aspect: float = 1.0  # its side along x over that along y [-]
 
 
 @dataclass(frozen=True)
@@ -63,6 +74,9 @@ class RitzPlate:
         stress: amplitude P of the Airy function P 256 (x(1-x) y(1-y))² of a residual stress [N m].
         curvature: of a shallow shell, 1/R along x and y [1/m].
         hinge: (place along x, N/rad per length), or None.
+        thickness_wander: how far h(x, y) is off its mean along each of `WANDER`, relative [-].
+        modulus_wander: likewise of E(x, y).
+        by: which discretisation finds the modes: "ritz" or "spectral".
     """
 
     length_x: float
@@ -84,6 +98,14 @@ class RitzPlate:
     stress: float = 0.0
     curvature: tuple[float, float] = (0.0, 0.0)
     hinge: tuple[float, float] | None = None
+    thickness_wander: tuple[float, ...] = ()
+    modulus_wander: tuple[float, ...] = ()
+    by: str = "ritz"
+
+    @property
+    def mass(self) -> float:
+        """Of the bare plate [kg]."""
+        return self.density * self.thickness * self.length_x * self.length_y
 
     @property
     def sides(self) -> tuple[float, float]:
@@ -93,7 +115,8 @@ class RitzPlate:
     def covered(self, patch: Patch) -> tuple[Interval, Interval]:
         """The part of the plate under a patch; the nominal sides say what is square."""
         stretch = sqrt(self.length_y / self.length_x)
-        half_x, half_y = patch.size * stretch / 2, patch.size / stretch / 2
+        long = sqrt(patch.aspect)
+        half_x, half_y = patch.size * stretch * long / 2, patch.size / stretch / long / 2
         return (
             (max(patch.x - half_x, 0.0), min(patch.x + half_x, 1.0)),
             (max(patch.y - half_y, 0.0), min(patch.y + half_y, 1.0)),
@@ -121,7 +144,7 @@ class Modes(NamedTuple):
 
     eigenvalue: np.ndarray
     shape: np.ndarray
-    matrices: Matrices
+    matrices: "Matrices | SpectralMatrices"
 
     @property
     def frequency(self) -> np.ndarray:
@@ -147,13 +170,22 @@ def modes(plate: RitzPlate, n_span: int = N_SPAN) -> Modes:
 
 
 def _solve(plate: RitzPlate, n_span: int) -> Modes:
-    found = matrices(plate, n_span)
+    found = matrices_of(plate, n_span)
     # A mass-normalised basis: splines at an edge weigh little.
     scale = 1 / np.sqrt(np.diag(found.mass))
     value, shape = scipy.linalg.eigh(
         found.stiffness * scale * scale[:, None], found.mass * scale * scale[:, None], check_finite=False
     )
     return Modes(value, shape * scale[:, None], found)
+
+
+def matrices_of(plate: RitzPlate, n_span: int = N_SPAN) -> "Matrices | SpectralMatrices":
+    """Mass and stiffness by the discretisation that the plate asks for."""
+    if plate.by == "ritz":
+        return matrices(plate, n_span)
+    from blind.spectral import matrices as spectral
+
+    return spectral(plate)
 
 
 def matrices(plate: RitzPlate, n_span: int = N_SPAN) -> Matrices:
@@ -189,7 +221,11 @@ def _breaks(plate: RitzPlate, n_span: int) -> tuple[dict[float, int], dict[float
     found: tuple[dict[float, int], dict[float, int]] = ({}, {})
     for along in (0, 1):
         # r² log r at a heavy point: two smaller spans on either side of it.
-        heavy = [*plate.masses, *(t for t in plate.springs if t[2] > 3e3), *(t for t in plate.dashpots if t[2] > 1)]
+        heavy = [
+            *(t for t in plate.masses if t[2] > LIGHT * plate.mass),
+            *(t for t in plate.springs if t[2] > 3e3),
+            *(t for t in plate.dashpots if t[2] > 1),
+        ]
         for term in heavy:
             for offset in (-0.35, -0.1, 0.1, 0.35):
                 found[along][term[along] + offset / n_span] = 4
@@ -214,15 +250,52 @@ def _kept(plate: RitzPlate, x: Splines, y: Splines) -> np.ndarray:
     return np.outer(*free).ravel()
 
 
-def _powers(plate: RitzPlate, power: int) -> list[tuple[float, int, int]]:
-    """(1 + a X + b Y)^power as coefficients of X^i Y^j, X and Y from the middle of the plate."""
+def wander(coefficient: Sequence[float], x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Σ c_k φ_k(x, y) of the fields in `WANDER` [-]."""
+    total = np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y)))
+    for value, (i, j) in zip(coefficient, WANDER, strict=False):
+        total = total + value * sqrt(2.0 ** ((i > 0) + (j > 0))) * np.cos(i * np.pi * x) * np.cos(j * np.pi * y)
+    return total
+
+
+def thickness_at(plate: RitzPlate, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """h(x, y) over the thickness at the middle, taper and wander in it [-]."""
+    a, b = plate.taper
+    return (1 + a * (x - 0.5) + b * (y - 0.5)) * (1 + wander(plate.thickness_wander, x, y))
+
+
+def _powers(plate: RitzPlate, power: int) -> list[tuple[float, Weight, Weight]]:
+    """(h(x, y)/h)^power, times E(x, y)/E in a bending rigidity, as a sum of c f(x) g(y)."""
+    if plate.thickness_wander or plate.modulus_wander:
+        return _separated(
+            lambda x, y: (
+                thickness_at(plate, x, y) ** power * (1 + (wander(plate.modulus_wander, x, y) if power == 3 else 0))
+            )
+        )
     a, b = plate.taper
     terms = [
-        (comb(power, i) * comb(power - i, j) * a**i * b**j, i, j)
+        (comb(power, i) * comb(power - i, j) * a**i * b**j, _monomial(i), _monomial(j))
         for i, j in itertools.product(range(power + 1), repeat=2)
         if i + j <= power
     ]
     return [term for term in terms if term[0]]
+
+
+def _monomial(power: int) -> Weight:
+    return lambda t: (t - 0.5) ** power
+
+
+def _separated(field: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> list[tuple[float, Weight, Weight]]:
+    """A smooth field as a short sum of products, by interpolation at Chebyshev points and a singular value cut-off."""
+    n = 16
+    place = 0.5 + 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n)
+    left, value, right = np.linalg.svd(field(place[:, None], place[None, :]))
+
+    def through(values: np.ndarray) -> Weight:
+        return np.polynomial.Chebyshev.fit(place, values, n - 1, domain=[0.0, 1.0])
+
+    kept = int((value > 1e-9 * value[0]).sum())
+    return [(float(value[k]), through(left[:, k]), through(right[k])) for k in range(kept)]
 
 
 def _bending(plate: RitzPlate, x: Splines, y: Splines, over_x: Interval, over_y: Interval) -> np.ndarray:
@@ -254,9 +327,9 @@ def _mass(plate: RitzPlate, x: Splines, y: Splines) -> np.ndarray:
     return plate.density * plate.thickness * lx * ly * total
 
 
-def _power(splines: Splines, over: Interval, power: int, order: int, other: int) -> np.ndarray:
-    """∫ (t − ½)^power N^(order) N^(other) dt."""
-    return splines.integral(order, other, over, lambda t: (t - 0.5) ** power)
+def _power(splines: Splines, over: Interval, weight: Weight, order: int, other: int) -> np.ndarray:
+    """∫ weight(t) N^(order) N^(other) dt."""
+    return splines.integral(order, other, over, weight)
 
 
 def _edges(plate: RitzPlate, x: Splines, y: Splines) -> np.ndarray:

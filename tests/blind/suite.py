@@ -19,8 +19,8 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from blind.cases import Case, draw, suite
 from blind.score import Score, read
+from blind.strata import STRATA
 
 # From a config and a folder to a diagnosis in that folder.
 Diagnose = Callable[[Path, Path], Any]
@@ -34,14 +34,36 @@ def catalogue_diagnosis(config: Path, out: Path) -> None:
         diagnose(config, out, report=False)
 
 
-def run_case(seed_set: str, index: int, folder: Path, diagnose: Diagnose = catalogue_diagnosis) -> dict[str, Any]:
-    """Draw one case, diagnose it, and say what was hidden and what was found; a crash is one more finding."""
+def run_case(
+    seed_set: str,
+    index: int,
+    folder: Path,
+    diagnose: Diagnose = catalogue_diagnosis,
+    stratum: str = "clean",
+    by: str | None = None,
+) -> dict[str, Any]:
+    """Draw one case, diagnose it, and say what was hidden and what was found; a crash is one more finding.
+
+    Args:
+        seed_set: any word.
+        index: in the stratum's suite.
+        folder: of cases and results.
+        diagnose: from a config and a folder to a diagnosis there.
+        stratum: which one.
+        by: which truth; left out, the stratum's own choice.
+    """
     torch.set_num_threads(1)
-    case = draw(seed_set, index)
+    case = STRATA[stratum].case(seed_set, index, by)
     own = folder / "cases" / case.name
     config = case.write(own)
     out = own / "diagnosis"
-    record: dict[str, Any] = {"set": seed_set, "index": index, "truth": case.record(), "commit": commit()}
+    record: dict[str, Any] = {
+        "set": seed_set,
+        "stratum": stratum,
+        "index": index,
+        "truth": case.record(),
+        "commit": commit(),
+    }
     begin = time.perf_counter()
     try:
         diagnose(config, out)
@@ -77,19 +99,25 @@ def commit() -> str:
     return found.stdout.strip() or "unknown"
 
 
-def chosen(cases: str, only: str | None) -> list[int]:
+def chosen(cases: str, only: str | None, stratum: str = "clean") -> list[int]:
     """Indices of the suite: a slice "0:20", a list "3,17", and only those that hide a name or are of a kind."""
+    slots = STRATA[stratum].suite()
     if ":" in cases:
         low, _, high = cases.partition(":")
-        indices = list(range(len(suite())))[int(low or 0) : int(high) if high else None]
+        indices = list(range(len(slots)))[int(low or 0) : int(high) if high else None]
     else:
         indices = [int(part) for part in cases.split(",")]
-    slots = suite()
     return [i for i in indices if only is None or only in (*slots[i].names, slots[i].kind)]
 
 
 def run_suite(
-    seed_set: str, indices: Iterable[int], folder: Path, n_worker: int, diagnose: Diagnose = catalogue_diagnosis
+    seed_set: str,
+    indices: Iterable[int],
+    folder: Path,
+    n_worker: int,
+    diagnose: Diagnose = catalogue_diagnosis,
+    stratum: str = "clean",
+    by: str | None = None,
 ) -> None:
     """Run what is not there yet; one line of results.jsonl for each case as soon as it is done."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -98,7 +126,7 @@ def run_suite(
     missing = [index for index in indices if index not in done]
     os.environ["OMP_NUM_THREADS"] = "1"
     with ProcessPoolExecutor(n_worker, mp_context=get_context("spawn")) as pool:
-        jobs = {pool.submit(run_case, seed_set, index, folder, diagnose): index for index in missing}
+        jobs = {pool.submit(run_case, seed_set, index, folder, diagnose, stratum, by): index for index in missing}
         for job in as_completed(jobs):
             try:
                 record = job.result()
@@ -119,17 +147,21 @@ def _line(record: dict[str, Any]) -> str:
     found = Score([record]).verdicts[0]
     truth = record["truth"]
     hidden = "+".join(one["effect"] for one in truth["hidden"]) or "nothing"
+    if truth.get("detectable"):
+        hidden += f" (seen: {' '.join(truth['detectable'])})"
     named = "+".join(found.named) or (record["diagnosis"]["verdict"] if record["diagnosis"] else record["error"])
     mark = "right" if found.right else "wrong"
     return f"{truth['name']} {mark} {truth['kind']} {hidden} -> {named} {found.why} ({record['seconds']:.0f} s)"
 
 
-def print_draws(seed_set: str, indices: Iterable[int]) -> None:
+def print_draws(seed_set: str, indices: Iterable[int], stratum: str = "clean", by: str | None = None) -> None:
     """A table of the cases, nothing run."""
-    table = Table("case", "kind", "hidden", "noise %", "left / noise", "FRFs", "lines", "known", "s")
+    # Of the clean stratum what is left over the noise, of the others the expected fall of −2 log likelihood.
+    left = "left / noise" if stratum == "clean" else "fall, seen"
+    table = Table("case", "kind", "hidden", "noise %", left, "FRFs", "lines", "by", "known", "s")
     for index in indices:
         begin = time.perf_counter()
-        case: Case = draw(seed_set, index)
+        case = STRATA[stratum].case(seed_set, index, by)
         record = case.record()
         table.add_row(
             case.name,
@@ -137,9 +169,12 @@ def print_draws(seed_set: str, indices: Iterable[int]) -> None:
             "; ".join(_words(one) for one in record["hidden"])
             + "".join(f" {k}={v:.3g}" for k, v in case.extra.items()),
             f"{100 * case.noise:.2f}",
-            " ".join(f"{shows / case.noise:.1f}" for shows in case.shows),
+            " ".join(f"{shows / case.noise:.1f}" for shows in case.shows)
+            if stratum == "clean"
+            else " ".join(f"{fall:.3g} {word}" for fall, word in zip(case.shows, case.detectable, strict=True)),
             str(record["n_frf"]),
             str(record["n_line"]),
+            record["by"],
             " ".join(record["known"]),
             f"{time.perf_counter() - begin:.2f}",
         )

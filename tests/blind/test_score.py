@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from blind.place import size_error, which_is_right
-from blind.score import Score, markdown, tables, verdict, wilson
+from blind.score import Score, markdown, report, tables, verdict, wilson
 from blind.suite import chosen, run_case
 from blind.twins import right, twins
 from torchplate.effects import CATALOGUE
@@ -153,6 +153,57 @@ def test_calibration_and_brier_count_every_named_effect():
     assert brier == pytest.approx((0.04**2 + 0.6**2) / 2)
 
 
+def with_seen(case, *words, stratum="workshop"):
+    return case | {"detectable": list(words), "stratum": stratum}
+
+
+@pytest.mark.parametrize(
+    ("seen", "word", "answers", "good"),
+    [
+        ("no", "consistent", [], True),
+        ("no", "explained", [answer("point_mass")], False),
+        ("either", "consistent", [], True),
+        ("either", "explained", [answer("point_mass")], True),
+        ("either", "explained", [answer("time_delay")], False),
+        ("yes", "consistent", [], False),
+    ],
+)
+def test_what_cannot_be_seen_is_right_only_if_nobody_names_it(seen, word, answers, good):
+    assert verdict(record(with_seen(truth(point_mass=MASS), seen), word, *answers)).right is good
+
+
+def test_an_interval_holds_the_truth_by_its_ends_else_by_its_std():
+    case = truth(point_mass=MASS)
+    found = answer("point_mass", x=0.21, y=0.6, mass=0.04)
+    found["parameters"]["x"] |= {"low": 0.19, "high": 0.22, "std": 1e-6}
+    found["parameters"]["y"] |= {"std": 0.05}
+    found["parameters"]["mass"] |= {"std": 0.01}
+    # y is two standard deviations off, the mass one; 1.645 hold 90 %.
+    covered = {name: inside for _, name, inside in verdict(record(case, "explained", found)).covered}
+    assert covered == {"x": True, "y": False, "mass": True}
+    oblong = truth(stiffness_loss={"x": 0.2, "y": 0.7, "size": 0.2, "factor": 0.5, "aspect": 2.0})
+    patch = answer("stiffness_loss", x=0.2, y=0.7, size=0.3, factor=0.5)
+    for entry in patch["parameters"].values():
+        entry["std"] = 0.01
+    assert {name for _, name, _ in verdict(record(oblong, "explained", patch)).covered} == {"x", "y"}
+
+
+def test_the_rows_of_a_stratum_part_what_shows_from_what_does_not():
+    mass = truth(point_mass=MASS)
+    named = answer("point_mass", **MASS)
+    records = [
+        record(with_seen(mass, "yes"), "explained", named),
+        record(with_seen(mass, "no"), "consistent"),
+        record(with_seen(mass, "no"), "explained", answer("time_delay")),
+        record(with_seen(truth("none")), "explained", answer("time_delay")),
+    ]
+    rows = {name.strip(): (count, n) for name, count, n in Score(records).rates()}
+    assert rows["one effect, named right (of the detectable)"] == (1, 1)
+    assert rows["one effect, undetectable, not named"] == (1, 2)
+    assert rows["a false name on nothing hidden"] == (1, 1)
+    assert rows["a false name, all but beyond"] == (2, 4)
+
+
 def fake(config: Path, out: Path) -> None:
     """A diagnosis that always says point_mass."""
     out.mkdir()
@@ -178,6 +229,19 @@ def test_a_case_is_run_and_recorded_and_a_crash_is_one_more_wrong_answer(tmp_pat
     assert not verdict(records[1]).right
     for table in tables(Score(records)):
         assert markdown(table).startswith("###")
+
+
+@pytest.mark.parametrize("stratum", ["workshop", "tables"])
+def test_a_case_of_another_stratum_is_run_and_recorded(stratum, tmp_path):
+    index = chosen("0:", "point_mass", stratum)[0]
+    found = run_case("test", index, tmp_path, fake, stratum, "spectral")
+    json.dumps(found)
+    assert found["diagnosis"], found.get("error")
+    assert (found["stratum"], found["truth"]["by"]) == (stratum, "spectral")
+    assert found["truth"]["detectable"]
+    (tmp_path / "results.jsonl").write_text(json.dumps(found) + "\n")
+    report(tmp_path)
+    assert f"{stratum}: rates" in (tmp_path / "table.md").read_text()
 
 
 def test_where_springs_and_masses_are_free_a_heavier_plate_is_a_smaller_gain():

@@ -99,3 +99,20 @@ def test_the_module_is_the_command(monkeypatch, capsys):
         runpy.run_module("torchplate", run_name="__main__")
     assert stop.value.code == 0
     assert set(CATALOGUE) <= set(capsys.readouterr().out.split())
+
+
+IMPERFECT = {"position_std": 0.003, "frequency_drift": 0.001, "calibration_std": 0.02, "damping_scatter": 0.2}
+
+
+def test_what_the_config_says_of_the_tests_imperfections_is_drawn(bench, make_config, command):
+    def read(name, **measurement):
+        settings = {"measurement": measurement} | {"modal_test.seed": 5}
+        return simulated(bench, make_config, command, ".npz", settings, name)
+
+    plain, none = read("plain"), read("none", **dict.fromkeys(IMPERFECT, 0.0))
+    whole, again = read("whole", **IMPERFECT), read("again", **IMPERFECT)
+    assert torch.equal(plain.frf, none.frf)
+    assert torch.equal(whole.frf, again.frf)
+    assert float((whole.frf - plain.frf)[10:].norm() / plain.frf[10:].norm()) > 0.02
+    # The sheet says where the marks are.
+    assert whole.reference == plain.reference

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from torchplate.effects import HystereticDamping, Plate, SupportSpring, ViscousDamping
-from torchplate.measurement import modal_test
+from torchplate.measurement import PERFECT, Imperfections, modal_test
 from torchplate.measurement.analyser import ANALYSERS, Analyser
 from torchplate.measurement.measurement import SI_UNIT, Measurement
 from torchplate.measurement.modal_test import Hammer, Hits, hammer_test
@@ -348,3 +348,48 @@ def test_hammer_outside_its_range_is_refused_with_what_to_do(setting):
     name, value = next(iter(setting.items()))
     with pytest.raises(ValueError, match=rf"^Expected a hammer with {name}.*got {value}\. [A-Z]"):
         Hammer(**setting)
+
+
+def line_of(measurement: Measurement) -> torch.Tensor:
+    return measurement.band(20.0, 390.0).frf
+
+
+def test_a_perfect_test_stays_as_it_was():
+    assert torch.equal(run(imperfections=PERFECT).frf, run().frf)
+    assert torch.equal(run(imperfections=Imperfections()).frf, run().frf)
+
+
+@pytest.mark.parametrize("name", ["position_std", "frequency_drift", "calibration_std", "damping_scatter"])
+def test_what_is_not_perfect_changes_the_frfs_as_its_seed_says(name):
+    std = Imperfections(**{name: {"position_std": 2e-3, "frequency_drift": 1e-3}.get(name, 0.1)})
+    one, again, other = (line_of(run(imperfections=std, seed=seed)) for seed in (1, 1, 2))
+    assert torch.equal(one, again)
+    # Of the noiseless test the seed decides nothing else but where a pulse falls between two samples: below 5e-4.
+    for seed, found in ((1, one), (2, other)):
+        plain = line_of(run(seed=seed))
+        assert float((found - plain).norm() / plain.norm()) > 5e-3
+    assert float((one - other).norm() / one.norm()) > 5e-3
+
+
+def test_a_calibration_is_one_gain_for_each_channel():
+    ratio = line_of(run(imperfections=Imperfections(calibration_std=0.1), seed=3)) / line_of(run(seed=3))
+    # The same hits only where none are drawn before them: what is left is where each pulse falls.
+    gain = ratio.real.median(dim=0).values
+    assert float((ratio - gain).abs().median()) < 2e-3
+    # Of rank one: every pair has the gain of its response times that of its reference.
+    assert float(torch.linalg.svdvals(gain)[1] / torch.linalg.svdvals(gain)[0]) < 1e-3
+    assert float((gain - 1).abs().max()) > 0.02
+
+
+def test_a_mode_with_another_damping_peaks_as_much_lower():
+    effects = {"plate": Plate(), "loss": HystereticDamping()}
+    known = {key: value for key, value in ALUMINIUM.items() if key.startswith("plate")}
+    model = PlateModel(RECTANGLE.mesh, effects, known | {"loss.stiffness_loss_factor": 2e-3})
+    eigen = model.natural_frequencies(KNOWN, 8)
+    assert float(eigen[3] / eigen[4]) < 0.99
+    factor = torch.tensor([1.0, 1.0, 1.0, 2.0, 0.5], dtype=torch.float64)
+    plain, scattered = (
+        m.frf(KNOWN, eigen[3:5], [1], [1], "accelerance") for m in (model, model.with_damping_factors(factor))
+    )
+    # Neighbours add a hundredth or so to a peak of a quality of 500.
+    torch.testing.assert_close((scattered / plain).abs().flatten(), 1 / factor[3:5], rtol=0.02, atol=0.0)

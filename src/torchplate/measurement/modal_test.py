@@ -15,6 +15,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from torchplate.measurement.analyser import Analyser, Spectra
+from torchplate.measurement.imperfections import PERFECT, Imperfections
 from torchplate.measurement.measurement import SI_UNIT, Channel, Measurement, checked_kind
 from torchplate.model import PlateModel
 
@@ -100,6 +101,7 @@ def hammer_test(
     generator: torch.Generator,
     kind: str = "accelerance",
     memory: int = 2**28,
+    imperfections: Imperfections = PERFECT,
 ) -> Measurement:
     """Hit the plate at every reference, `n_average` times each, and estimate its FRFs.
 
@@ -120,9 +122,12 @@ def hammer_test(
         generator: source of all randomness; the same state gives the same numbers.
         kind: what the sensors read per force: accelerance, mobility or receptance.
         memory: bytes that the hits computed at once may take. Another value draws other random numbers.
+        imperfections: what the test is not perfect in; drawn before any hit, so that a perfect test stays as it was.
+            All hits at a mark land at the same place off it; one record of each reference drifts as a whole.
 
     Returns:
-        FRFs and coherence on the lines 0 to span. Coordinates are relative places times the mesh's nominal sides.
+        FRFs and coherence on the lines 0 to span. Coordinates are relative places times the mesh's nominal sides: of
+        the marks, not of where the hammer and the sensors were.
 
     Raises:
         ValueError: if theta is a batch, the kind needs no hammer, or hits keep being rejected at a reference.
@@ -137,11 +142,12 @@ def hammer_test(
         raise ValueError(
             f"Expected theta of one plate, [n_parameter], got {tuple(theta.shape)}. Test one member at a time."
         )
-    structure = _Structure(model, theta.detach(), response, reference, analyser, kind)
+    setup = _set_up(model, response, reference, imperfections, generator)
+    structure = _Structure(setup, theta.detach(), reference, analyser, kind)
     spectra, n_rejected = _run(structure, hammer, generator, memory)
     return Measurement(
         frequency=analyser.frequency,
-        frf=spectra.frf(analyser.estimator).permute(2, 1, 0).cpu(),
+        frf=spectra.frf(analyser.estimator).permute(2, 1, 0).cpu() * setup.gain,
         measured=torch.ones(len(response), len(reference), dtype=torch.bool),
         response=_channels(model, response),
         reference=_channels(model, reference),
@@ -156,14 +162,64 @@ def hammer_test(
     )
 
 
+class _Setup(NamedTuple):
+    """The plate as it is mounted and the test as it is made, not as the sheet has them."""
+
+    model: PlateModel
+    response: Sequence[int | Sequence[float]]
+    reference: Sequence[int | Sequence[float]]
+    drift: list[float]  # of all natural frequencies at each reference [-]
+    gain: Float[Tensor, "n_response n_reference"]  # of the two channels of each pair [-]
+
+
+def _set_up(
+    model: PlateModel,
+    response: Sequence[int | Sequence[float]],
+    reference: Sequence[int | Sequence[float]],
+    imperfections: Imperfections,
+    generator: torch.Generator,
+) -> _Setup:
+    """One draw of what is not perfect; nothing is drawn of what is.
+
+    Raises:
+        ValueError: if damping is to scatter in a model that takes one law for all modes.
+    """
+
+    def normal(name: str, *shape: int) -> Tensor | None:
+        std = getattr(imperfections, name)
+        if not std:
+            return None
+        return std * torch.randn(shape, generator=generator, dtype=torch.float64, device=generator.device).cpu()
+
+    sides = torch.tensor([model.mesh.length_x, model.mesh.length_y], dtype=torch.float64)
+
+    def moved(points: Sequence[int | Sequence[float]]) -> Sequence[int | Sequence[float]]:
+        off = normal("position_std", len(points), 2)
+        if off is None:
+            return points
+        # What would miss the plate lands as far within it.
+        places: list[Sequence[float]] = (1 - (1 - (model.mesh.places(points).cpu() + off / sides).abs()).abs()).tolist()
+        return places
+
+    sensors, hits = moved(response), moved(reference)
+    gain = torch.ones(len(response), len(reference), dtype=torch.float64)
+    own = normal("calibration_std", len(response), 1), normal("calibration_std", 1, len(reference))
+    for part in own:
+        gain = gain if part is None else gain * (1 + part)
+    drift = normal("frequency_drift", len(reference))
+    scatter = normal("damping_scatter", model.assembly.size)
+    if scatter is not None:
+        model = model.with_damping_factors(scatter.exp())
+    return _Setup(model, sensors, hits, [0.0] * len(reference) if drift is None else drift.tolist(), gain)
+
+
 class _Structure:
     """The plate as a tested object: its FRF on the damped contour s = σ + iω, and what it answers to hits."""
 
     def __init__(
         self,
-        model: PlateModel,
+        setup: _Setup,
         theta: Tensor,
-        response: Sequence[int | Sequence[float]],
         reference: Sequence[int | Sequence[float]],
         analyser: Analyser,
         kind: str,
@@ -175,7 +231,7 @@ class _Structure:
         frequency = torch.arange(self.n_block // 2 + 1, dtype=torch.float64, device=theta.device) / length
         # Beyond the filter's slope every line is zero, so none is computed; the inverse FFT pads them.
         frequency = frequency[analyser.low_pass(frequency) > 0]
-        frf = model.frf(theta, frequency, response, reference, kind, decay=decay)
+        frf = _drifted(setup, theta, frequency, kind, decay)
         self.frf = frf.detach().to(torch.complex128).permute(2, 1, 0).contiguous()
         self.laplace = torch.complex(torch.full_like(frequency, decay), 2 * torch.pi * frequency)
         self.low_pass = analyser.low_pass(frequency)
@@ -212,6 +268,26 @@ class _Structure:
         sample = first[:, None] + torch.arange(self.analyser.n_sample, device=first.device)
         spread = sample[:, None].expand(-1, motion.shape[1], -1)
         return force.gather(-1, sample), motion.gather(-1, spread), above.any(-1)
+
+
+def _drifted(
+    setup: _Setup, theta: Tensor, frequency: Float[Tensor, " n_frequency"], kind: str, decay: float
+) -> Complex[Tensor, "n_frequency n_response n_reference"]:
+    """The FRF with all natural frequencies times 1 + δ in each record: H(s / (1 + δ)), times (1 + δ)^(d − 2).
+
+    d is how often the motion is differentiated: (1 + δ)² K in place of K makes H(s / (1 + δ)) / (1 + δ)² of a
+    receptance.
+    """
+    model = setup.model
+    if not any(setup.drift):
+        return model.frf(theta, frequency, setup.response, setup.reference, kind, decay=decay)
+    power = {"receptance": -2, "mobility": -1, "accelerance": 0}[kind]
+    parts = []
+    for point, off in zip(setup.reference, setup.drift, strict=True):
+        slower = 1 + off
+        own = model.frf(theta, frequency / slower, setup.response, [point], kind, decay=decay / slower)
+        parts.append(own * slower**power)
+    return torch.cat(parts, dim=-1)
 
 
 def _run(structure: _Structure, hammer: Hammer, generator: torch.Generator, memory: int) -> tuple[Spectra, int]:

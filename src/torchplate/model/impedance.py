@@ -41,6 +41,25 @@ class Impedance(NamedTuple):
         return Proportional(*self[4:8])
 
 
+def scattered(z: Impedance, factor: Float[Tensor, " n_factor"]) -> Impedance:
+    """The impedance whose lowest modes have a damping of their own: a hysteretic i (f − 1) d_r is added to each.
+
+    d_r = β ω² + η + a ω + b ω³ + ω Σ c u² + H_rr, all that damps the mode at its own frequency [rad²/s²].
+    """
+    square = z.eigenvalue.clamp(min=0.0)
+    omega = square.sqrt()
+    beta, eta, a, b = (part[..., None] for part in z[4:8])
+    own = beta * square + eta + a * omega + b * omega * square
+    own = own + omega * (z.viscous[..., None] * z.dashpot**2).sum(-2)
+    if z.hysteretic is not None:
+        own = own + z.hysteretic.diagonal(dim1=-2, dim2=-1)
+    n = min(len(factor), own.shape[-1])
+    # Of modes beyond the given ones nothing changes.
+    excess = torch.cat([factor[:n] - 1, factor.new_zeros(own.shape[-1] - n)])
+    added = torch.diag_embed(excess * own)
+    return z._replace(hysteretic=added if z.hysteretic is None else z.hysteretic + added)
+
+
 def solve(z: Impedance, weight: Tensor, rows: Tensor) -> Tensor:
     """Rows x = Z⁻¹ r by line, r = weight · rows; dashpots by the Woodbury identity, as in `receptance`.
 

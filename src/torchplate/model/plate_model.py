@@ -20,6 +20,7 @@ from torchplate.model.frf import (
     sensor_chain,
 )
 from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
+from torchplate.model.impedance import scattered
 from torchplate.model.modal_sum import MEMBERS_AT_ONCE
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
 from torchplate.model.parameter_space import ParameterSpace, Searched
@@ -103,6 +104,7 @@ class PlateModel(nn.Module):
         self.assembly = Assembly(mesh) if assembly is None else assembly
         self.shared_modes: SharedModes | None = None
         self.couples_modes, self.in_single = True, False
+        self.damping_factor: Tensor | None = None
         # Made now, because what is first made inside a torch.func transform belongs to that transform.
         for name, member in vars(Mesh).items():
             if isinstance(member, functools.cached_property):
@@ -182,6 +184,25 @@ class PlateModel(nn.Module):
         twin = copy.copy(self)
         twin._modules = dict(self._modules)
         twin.couples_modes = False
+        return twin
+
+    def with_damping_factors(self, factor: Float[Tensor, " n_mode"]) -> "PlateModel":
+        """The same model, each mode's damping a number of times what its law makes of it: no plate obeys one exactly.
+
+        Args:
+            factor: of the lowest modes [-], ≥ 0; modes beyond keep theirs.
+
+        Raises:
+            ValueError: if the model is in a basis of shared modes, which takes one law for all.
+        """
+        if self.shared_modes is not None:
+            raise ValueError(
+                "Expected a model with matrices of its own, got one in a basis of shared modes. Give the model before "
+                "`reduce`, or in the basis of `ritz_basis`."
+            )
+        twin = copy.copy(self)
+        twin._modules = dict(self._modules)
+        twin.damping_factor = factor.to(self.known)
         return twin
 
     def in_single_precision(self) -> "PlateModel":
@@ -331,6 +352,8 @@ class PlateModel(nn.Module):
 
         def solve(s: Tensor, left: Tensor, right: Tensor) -> Tensor:
             impedance = modal_impedance(system, modes, s)
+            if self.damping_factor is not None:
+                impedance = scattered(impedance, self.damping_factor)
             if impedance.hysteretic is not None and not self.couples_modes:
                 own_loss = impedance.hysteretic.diagonal(dim1=-2, dim2=-1)
                 impedance = impedance._replace(hysteretic=torch.diag_embed(own_loss))
