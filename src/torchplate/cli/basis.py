@@ -8,6 +8,7 @@ from torchplate.cli.build import Run
 from torchplate.cli.population import polished
 from torchplate.discrepancy import Objective
 from torchplate.model import DENSE, basis_error, estimated_error, reduce
+from torchplate.model.plate_model import SINGLE_TOLERANCE
 from torchplate.search import Outcome
 
 # Relative FRF norm, or relative error of a natural frequency, beyond which a basis is not believed.
@@ -29,6 +30,12 @@ def in_reduced_basis(recipe: Run, objective: Objective, console: Console) -> Obj
         f"  {model.assembly.size} dofs in {small[0].assembly.size} {vectors}: "
         f"error at most {small[1]:.0e} on members they were not built from"
     )
+    shared = small[0].shared_modes
+    if recipe.config.search.precision == "single" and shared is not None and shared.single_error > SINGLE_TOLERANCE:
+        console.print(
+            f"  single precision would be {shared.single_error:.0e} wrong, expected at most {SINGLE_TOLERANCE:.0e}: "
+            "the search stays in double precision; narrow the intervals of springs and masses to use it"
+        )
     return objective.of(small[0])
 
 

@@ -7,11 +7,14 @@ eigenvectors of such plates are those of the nominal one. With damping in propor
 
 so all plates at all lines read one and the same function G(z) = Σ φφᵀ / (λ − z) of one complex number, and no `eigh` is
 needed: see `modal_sum`. Springs, dashpots and masses at places (D, a few rows U) are attached to it; the nominal ones
-are already in K₀ and M₀.
+are already in K₀, and the least masses in M₀. What is attached is found by a difference, (D⁻¹ + G)⁻¹: where it is
+strong, the error of the series of far modes and the rounding of single precision grow by as much as digits go there.
+`reduced_basis` measures both, and takes as many terms as are needed.
 
 Everything here is a smooth formula of theta in plain torch operations: its derivatives of any order are torch's own.
 """
 
+import copy
 import functools
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -84,6 +87,7 @@ class SharedModes(nn.Module):
     def __init__(self, eigenvalue: Float[Tensor, " n"], nominal: Nominal, ends: Float[Tensor, "5 2"]) -> None:
         super().__init__()
         self._stretches: dict[tuple[object, ...] | None, list[Stretch]] = {}
+        self.n_term, self.single_error = CLOSE, 0.0
         # One entry tells the factor of all: the largest is never one that vanishes.
         self.entry = divmod(int(nominal.stiffness.abs().argmax()), nominal.stiffness.shape[-1])
         parts = {
@@ -96,6 +100,18 @@ class SharedModes(nn.Module):
         }
         for name, value in parts.items():
             self.register_buffer(name, value, persistent=False)
+
+    def with_series(self, n_term: int, single_error: float = 0.0) -> "SharedModes":
+        """The same, with far modes as another series.
+
+        Args:
+            n_term: terms of the series.
+            single_error: how far single precision was found to be off, of an FRF in relative norm.
+        """
+        twin = copy.copy(self)
+        twin._buffers = dict(self._buffers)
+        twin._stretches, twin.n_term, twin.single_error = {}, n_term, single_error
+        return twin
 
     def receptance(
         self,
@@ -165,7 +181,7 @@ class SharedModes(nn.Module):
         return found
 
     def _around(self, z: Tensor) -> Stretch:
-        return Stretch.around(Disc.around(z, self.eigenvalue), self.eigenvalue, CLOSE)
+        return Stretch.around(Disc.around(z, self.eigenvalue), self.eigenvalue, self.n_term)
 
     def _attached(self, assembly: Assembly, plan: Plan, e: Tensor, m: Tensor) -> Attached:
         """All terms; a mass over m and a spring over e, so that what M₀ and K₀ hold of them is the same for all."""
@@ -188,6 +204,11 @@ def _coefficients(assembly: Assembly, plan: Plan) -> tuple[Tensor, Tensor]:
         assembly.stiffness_coefficient(plan.section.rigidity, plan.geometry),
         assembly.mass_coefficient(plan.section.areal_mass, plan.geometry),
     )
+
+
+def _least(value: Float[Tensor, "*batch n_term"]) -> Float[Tensor, " n_term"]:
+    """Of each term, over all members."""
+    return value.reshape(-1, value.shape[-1]).amin(0)
 
 
 def factors(assembly: Assembly, nominal: Plan, members: Plan) -> tuple[Tensor, Tensor] | None:
@@ -232,7 +253,8 @@ def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple
         fixed = many.vector.ndim == one.vector.ndim
         nothing = stiffness.new_zeros(one.vector.shape[-2])
         spring.append(one.stiffness if fixed and one.stiffness is not None else nothing)
-        lump.append(one.mass if fixed and one.mass is not None else nothing)
+        # The least of all members: a mass that M₀ holds and a member has not is taken off again, digits with it.
+        lump.append(_least(many.mass) if fixed and many.mass is not None else nothing)
         row = assembly.rows(one.vector)
         stiffness, mass = stiffness + row.mT @ (spring[-1][:, None] * row), mass + row.mT @ (lump[-1][:, None] * row)
     modes = solve_modes(stiffness, mass)
