@@ -95,7 +95,8 @@ def test_scales_of_nuisances_and_noise_come_back(size, noise):
         expected = ((size**2 + 1 / 80) / (1 + 1 / 80)) ** 0.5
         assert judged.scale[name] == pytest.approx(expected, rel=0.25)
     known = one.group >= 2
-    assert torch.corrcoef(torch.stack([judged.shift[known], value[known]]))[0, 1] > 0.8
+    # Nuisances a tenth of the noise of a line are known from 120 lines each.
+    assert torch.corrcoef(torch.stack([judged.shift[known], value[known]]))[0, 1] > 0.7
 
 
 def test_a_scale_that_is_known_exactly_stays():

@@ -20,9 +20,8 @@ class Comparison:
         credible: probability of the set of equivalents [-].
         noise_limit: what is left is noise up to so many times its variance [-]: three standard deviations of a variance
             that is known from 200 numbers (`Knowledge.noise`).
-        told_limit: and nuisances whose size was told, up to so many times that [-]; a factor that six numbers
-            exceed once in a thousand.
-        untold_limit: others up to so many times their defaults [-]: the factor of three that they are known to.
+        size_limit: nuisances may be so many times what was told of them, or taken for granted [-]: a standard deviation
+            that a person gives is good to a factor of three.
         on_bound: a uniform prior puts this part of itself as near to its ends as counts as on them [-].
     """
 
@@ -31,8 +30,7 @@ class Comparison:
     misspecified: float = 1e-4
     credible: float = 0.95
     noise_limit: float = 1.3
-    told_limit: float = 2.0
-    untold_limit: float = 3.0
+    size_limit: float = 3.0
     on_bound: float = 2e-3
 
 

@@ -166,13 +166,7 @@ def is_noise(fit: Fit) -> bool:
 
 def excessive(fit: Fit) -> dict[str, float]:
     """Groups of nuisances that would have to be larger than tests have them, and how many times what was said."""
-    settings = fit.comparison
-    freedom = getattr(fit.marginal, "freedom", {})
-    return {
-        name: scale
-        for name, scale in fit.judged.scale.items()
-        if scale > (settings.told_limit if name in freedom else settings.untold_limit)
-    }
+    return {name: scale for name, scale in fit.judged.scale.items() if scale > fit.comparison.size_limit}
 
 
 def is_needed(before: Fit, after: Hypothesis, by_chance: float = 0.0) -> bool:

@@ -80,7 +80,8 @@ class Ranking:
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         by_chance = 0.0
-        if builder.target.levels == 1 or float(builder.target.gap(state.fit.prediction)) < OVERLAPPING:
+        gap = float(builder.target.gap(state.fit.prediction))
+        if builder.target.levels == 1 or gap < OVERLAPPING or misfit <= NEARLY_RIGHT:
             promises, by_chance = self._nearby(state, base, everyone)
             # Where nothing but noise is left, a look at the best two is a check.
             wanted = 2 if is_noise(state.fit) else N_SHARP
