@@ -39,7 +39,7 @@ PERHAPS_CHANCE = 12.0
 # together, where the model is doubted: so many members, and so many of them that go down.
 WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
 # A hypothesis that leaves so many times as much as the best so far is not followed to its end.
-HOPELESS = 30.0
+HOPELESS = 10.0
 # What closed the gap this much in the look before is tried again, so many at most.
 CAME_NEAR, N_AGAIN = 0.9, 3
 # Hypotheses this close to the best are refitted from where they ended; so are the best where more than noise is left.
@@ -145,7 +145,8 @@ class Ranking:
         found: list[Hypothesis] = []
         for one, several in together.values():
             least = min((other.fit.square for other in (*before, *found)), default=math.inf)
-            found.append(self._refit(state, one.candidate, one.label, torch.cat(several), HOPELESS * least))
+            limit = HOPELESS * least
+            found.append(self._refit(state, one.candidate, one.label, torch.cat(several), limit, near=state.fit.model))
         return found
 
     def _by_chance(self, state: State) -> Tensor | None:
