@@ -129,11 +129,13 @@ def _updated(recipe: Run, found: Diagnosis, folder: Path) -> dict[str, Any]:
     for label, values in by_label.items():
         effects[label] |= values
     raw["effects"] = effects
-    # What was found was found on a finer mesh whose error is taken off, whether or not that was worth a name.
+    # FRFs are diagnosed on a finer mesh whose error is taken off, whether or not that was worth a name; a table may
+    # have been found to come from the given one.
+    extrapolated = found.model.assembly.correction is not None or found.model.mesh.extrapolate
     split = math.prod(
         int(body.get("refine", 2)) for body in effects.values() if body["effect"] == "mesh_discretisation"
     )
-    raw["mesh"] = dict(raw["mesh"]) | {"refine": found.model.mesh.refine // split, "extrapolate": True}
+    raw["mesh"] = dict(raw["mesh"]) | {"refine": found.model.mesh.refine // split, "extrapolate": extrapolated}
     # An edge that was held may yield now.
     raw["mesh"] |= {"edges": dict(found.model.mesh.edges)}
     raw["search"] = {key: value for key, value in dict(raw.get("search", {})).items() if key == "seed"}

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from torchplate.cli.config import SearchConfig
 from torchplate.discrepancy import Objective, Sensitivity
+from torchplate.measurement.natural_frequencies import assumed
 from torchplate.search import Outcome
 
 # A standard error above this part of the interval says that the data hardly narrow it.
@@ -129,6 +130,8 @@ def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]
             f"The data see {' and '.join(together)} only together: moving them along one direction changes no "
             "prediction. Give one of them as a number."
         )
+    if (table := objective.evidence.natural_frequencies) is not None and (said := assumed(table)):
+        sentences.append(said)
     return sentences
 
 

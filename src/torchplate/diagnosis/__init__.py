@@ -1,6 +1,7 @@
 """Where simulation and measurement disagree, which effect is missing, and the gap once it is added.
 
 - `candidates`: what may be missing; `selection`: which of it is added.
+- `table`: the same for a table of natural frequencies, where every hypothesis can be weighed.
 - `holdout`: the FRFs that no fit sees; `tolerance`: numbers that are known as well as a ruler knows them.
 - `target`: what the models are held against, and residuals from wide to sharp.
 - `model_builder`: one mesh for all models, its error taken off, and bases that are right where they are used.

@@ -92,7 +92,10 @@ def _finer_mesh(seen: Trace) -> tuple[Named, ...]:
     if after < before:
         shown = f"gap is {_percent(after)} instead of {_percent(before)}"
     else:
-        shown = f"misfit is {baseline.reduced_misfit:.3g} times what noise and nuisances explain, not {given.reduced_misfit:.3g} times"
+        shown = (
+            f"misfit is {baseline.reduced_misfit:.3g} times what noise and nuisances explain, not "
+            f"{given.reduced_misfit:.3g} times"
+        )
     text = f"On {cells} elements, with the error of the natural frequencies extrapolated, the fitted model's {shown}."
     options = {"refine": seen.final.fit.model.mesh.refine // given.model.mesh.refine, "extrapolate": True}
     return (Named("mesh_discretisation", "mesh_discretisation", options, (), 0.99, {}, text, before, after),)

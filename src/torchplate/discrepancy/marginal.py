@@ -8,9 +8,9 @@ Residuals are taken over √D first. With G = JᵀJ, c = Jᵀr and K = S^½ G S^
 
     −2 ln p = n ln κ² + rᵀr / κ² + ln |I + K| − (S^½c/κ²)ᵀ (I + K)⁻¹ (S^½c),
 
-and the posterior mean of S^−½ ν is (I + K)⁻¹ S^½ c / κ². κ and the s_g are estimated with it: each has a prior, a scaled
-inverse χ² about 1 whose degrees of freedom say how well it is known, and MacKay's fixed point finds where likelihood
-times prior is largest.
+and the posterior mean of S^−½ ν is (I + K)⁻¹ S^½ c / κ². κ and the s_g are estimated with it: each has a prior, a
+scaled inverse χ² about 1 whose degrees of freedom say how well it is known, and MacKay's fixed point finds where
+likelihood times prior is largest.
 
 Sources: MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415, for the fixed point; Rasmussen and Williams,
 Gaussian Processes for Machine Learning (2006), appendix A, for the determinant and the inverse; Pinheiro and Bates,

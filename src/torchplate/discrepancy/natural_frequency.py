@@ -1,22 +1,17 @@
 """The gap between natural frequencies, and how each of them weighs."""
 
-from typing import Final
-
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.measurement import NaturalFrequencies
-
-# A frequency without a standard deviation weighs as one known to this part of itself.
-ASSUMED: Final = 0.01
+from torchplate.measurement.natural_frequencies import with_std
 
 
 def mode_weight(table: NaturalFrequencies) -> Float[Tensor, " n_mode"]:
-    """Weights w = (1/s) / √(mean of 1/s²) [-], s = std / f_measured, or 1 % where no std is given; mean w² = 1."""
-    relative = torch.full_like(table.frequency, ASSUMED)
-    if table.std is not None:
-        relative = torch.where(table.std.isnan(), relative, table.std / table.frequency)
+    """Weights w = (1/s) / √(mean of 1/s²) [-], s = std / f_measured, of `with_std` where none is given; mean w² = 1."""
+    whole = with_std(table)
+    assert whole.std is not None
+    relative = whole.std / whole.frequency
     return 1 / relative / relative.reciprocal().square().mean().sqrt()
 
 

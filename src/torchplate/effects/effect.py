@@ -104,6 +104,16 @@ class Effect(ABC):
                 raise TypeError(f"The effect '{cls.name}' says nothing of its {word}. Add it to the class body.")
         CATALOGUE[cls.name] = cls
 
+    @classmethod
+    def moves_natural_frequencies(cls) -> bool:
+        """Whether undamped natural frequencies can see it: they see no damping and no sensor chain.
+
+        It follows from `acts_on`; a class body for which that is not so says it itself.
+        """
+        return bool(cls.acts_on & {"mass", "stiffness", "geometry"}) or (
+            "section" in cls.acts_on and "damping" not in cls.acts_on
+        )
+
     def discretise(self, mesh: Mesh) -> Mesh:
         """The mesh as this effect changes it."""
         return mesh

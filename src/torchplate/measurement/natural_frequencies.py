@@ -1,14 +1,23 @@
 """A table of measured natural frequencies, such as Table 5 of the seed paper."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from itertools import pairwise
+from typing import Final
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from torchplate.measurement.measurement import MeasurementError
+
+# How far natural frequencies of a careful test scatter, relative [-]: the grid of the lines, the temperature, what
+# hangs on the plate. Repeated tests of one plate by one team agree to about this.
+SCATTER: Final = 1e-3
+# Nobody prints a frequency with fewer digits.
+LEAST_DIGITS: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,3 +79,40 @@ class NaturalFrequencies:
         """Move every tensor to `device`."""
         spread = None if self.std is None else self.std.to(device)
         return replace(self, mode=self.mode.to(device), frequency=self.frequency.to(device), std=spread)
+
+
+def printed_unit(table: NaturalFrequencies) -> Float[Tensor, " n_mode"]:
+    """One unit of the last printed digit of each entry [Hz].
+
+    A table is printed with one number of decimals or one number of digits, and a number that is read has lost the zeros
+    at its end. So it has as many decimals as the entry with most, and as many digits, 3 at least; the coarser counts.
+    """
+    entries = [Decimal(repr(value)).normalize().as_tuple() for value in table.frequency.tolist()]
+    decimals = max(0, *(-one.exponent for one in entries if isinstance(one.exponent, int)))
+    digits = max(LEAST_DIGITS, *(len(one.digits) for one in entries))
+    by_digits = 10.0 ** (table.frequency.log10().floor() - digits + 1)
+    return by_digits.clamp(min=10.0**-decimals)
+
+
+def with_std(table: NaturalFrequencies) -> NaturalFrequencies:
+    """The table with a standard deviation for every entry.
+
+    Where none is given: √(s² f² + u² / 12), s = `SCATTER`, u the unit of the last printed digit: rounding leaves half a
+    unit at most, evenly spread.
+    """
+    default = torch.hypot(SCATTER * table.frequency, printed_unit(table) / 12**0.5)
+    if table.std is None:
+        return replace(table, std=default)
+    return replace(table, std=torch.where(table.std.isnan(), default, table.std))
+
+
+def assumed(table: NaturalFrequencies) -> str:
+    """What is assumed of the scatter, in one sentence; empty where every entry has a standard deviation."""
+    if table.std is not None and not bool(table.std.isnan().any()):
+        return ""
+    rounding = float(printed_unit(table).max()) / math.sqrt(12)
+    which = "The table gives no standard deviation:" if table.std is None else "Where the table gives none,"
+    return (
+        f"{which} a standard deviation of {100 * SCATTER:g} % is assumed, the scatter of a careful test, and of "
+        f"up to {rounding:.2g} Hz, the rounding to the printed digits. Give {{value: , std: }} where you know better."
+    )

@@ -23,10 +23,11 @@ from torchplate.diagnosis.selection.exchange import Exchange
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
 from torchplate.diagnosis.summary import summarise
-from torchplate.diagnosis.target import FrequencyTarget, FrfTarget, Target
+from torchplate.diagnosis.table import diagnose_table
+from torchplate.diagnosis.target import FrfTarget, Target
 from torchplate.diagnosis.tolerance import with_tolerances
 from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies
-from torchplate.measurement.noise import Noise, noise_level
+from torchplate.measurement.noise import noise_level
 from torchplate.model import PlateModel
 
 # Signs of FRFs are turned round for the baseline where that leaves this part of the sum of squares, or less.
@@ -89,23 +90,20 @@ def diagnose(
     """
     if (measurement is None) == (natural_frequencies is None):
         raise ValueError("Expected either FRFs or natural frequencies, got both or neither. Give one of them.")
-    began = time.monotonic()
-    noise: Noise | None = None
-    target: Target
-    if measurement is not None:
-        noise = noise_level(measurement, n_average)
-        target = FrfTarget(
-            measurement, noise, held_out(measurement.measured, seed), gain_is_unknown, imperfections or Imperfections()
-        )
-    else:
+    if measurement is None:
         assert natural_frequencies is not None
-        target = FrequencyTarget(natural_frequencies)
+        return diagnose_table(model, natural_frequencies, tolerance=tolerance, say=say)
+    began = time.monotonic()
+    noise = noise_level(measurement, n_average)
+    target = FrfTarget(
+        measurement, noise, held_out(measurement.measured, seed), gain_is_unknown, imperfections or Imperfections()
+    )
     selection = ForwardSelection.of(model, target, dict(tolerance or {}), say)
     baseline = selection.baseline()
     selection, baseline = selection.robust(baseline)
     given = selection.as_given(baseline)
     state, looks = selection.travel(baseline, most_effects)
-    few = measurement is None or len(measurement.pairs) < FEW
+    few = len(measurement.pairs) < FEW
     if few and state.fit.reduced_misfit > FAR_OFF:
         selection, baseline = selection.inflated(selection.begun)
         given = selection.as_given(baseline)

@@ -1,0 +1,15 @@
+"""The diagnosis of a table of natural frequencies: every effect, and pairs of them, by marginal likelihood.
+
+- `flow`: the steps; `settings`: every constant, with its reason.
+- `evidence`: residuals, their scatter, and the one unknown factor on it.
+- `plates`: the plate on the given and on the corrected mesh, in bases that are small and right.
+- `natural`: natural frequencies of many members, and their derivatives.
+- `hypotheses`: effects tried all over their intervals, where refits begin, which pairs promise most.
+- `refit`: the minima of a hypothesis and its marginal likelihood; `comparison`: of all hypotheses on one mesh.
+- `posterior`: probabilities of hypotheses, of effects, of parameters; `null`: what chance alone would take.
+- `summary`: what is said of all this.
+"""
+
+from torchplate.diagnosis.table.flow import diagnose_table
+
+__all__ = ["diagnose_table"]

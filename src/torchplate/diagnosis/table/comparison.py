@@ -1,0 +1,195 @@
+"""All hypotheses on one mesh: the given model, every effect, the pairs, each refitted and weighed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.quasirandom import SobolEngine
+
+from torchplate.diagnosis.table.hypotheses import (
+    Fitted,
+    Hypothesis,
+    Tried,
+    ordered,
+    pairs,
+    single,
+    tried,
+    visible,
+)
+from torchplate.diagnosis.table.plates import MeshKind, Plates
+from torchplate.diagnosis.table.refit import Minimum, Prior, Problem, together
+from torchplate.diagnosis.table.settings import TableSettings
+from torchplate.model import PlateModel
+
+# Places over the box of the given model from which the best go on.
+N_LOOK, N_BEST = 64, 4
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A hypothesis after its refit.
+
+    Attributes:
+        hypothesis: its effects; None for the given model.
+        model: with them, in all dofs.
+        minima: the best first.
+        evidence: −2 ln Z of all of them.
+        rebuilt: whether the basis holds the modes of the best minimum.
+    """
+
+    hypothesis: Hypothesis | None
+    model: PlateModel
+    minima: tuple[Minimum, ...]
+    evidence: float
+    rebuilt: bool = False
+
+    @property
+    def best(self) -> Minimum:
+        """The minimum that holds most."""
+        return self.minima[0]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its effects."""
+        return () if self.hypothesis is None else self.hypothesis.names
+
+    @property
+    def theta(self) -> Float[Tensor, " n"]:
+        """The best minimum in SI units."""
+        return self.model.space.to_si(self.best.position)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What was weighed on one mesh.
+
+    Attributes:
+        plates: the plate on it.
+        baseline: the given model.
+        fitted: the same, linearised.
+        seen: candidates that this table can see.
+        unseen: names of effects that it cannot.
+        weighed: every effect and the pairs that promise most.
+        n_pair_left: pairs that were not refitted.
+    """
+
+    plates: Plates
+    baseline: Weighed
+    fitted: Fitted
+    seen: tuple[Tried, ...]
+    unseen: tuple[str, ...]
+    weighed: tuple[Weighed, ...]
+    n_pair_left: int
+
+    @property
+    def kind(self) -> MeshKind:
+        """Of the mesh."""
+        return self.plates.kind
+
+
+class Comparing:
+    """Weighs hypotheses on one mesh.
+
+    Args:
+        plates: the plate on it.
+        prior: what is known beforehand.
+        settings: constants.
+        say: is told what is being tried.
+    """
+
+    def __init__(self, plates: Plates, prior: Prior, settings: TableSettings, say: Callable[[str], None]) -> None:
+        self.plates, self.prior, self.settings, self.say = plates, prior, settings, say
+
+    def baseline(self) -> tuple[Weighed, Fitted]:
+        """The given model, fitted; on the corrected mesh once more where it has come to."""
+        plates = self.plates
+        n = len(plates.model.names)
+        place = plates.model.known.new_full((1, n), 0.5)
+        starts = place if not n else torch.cat([place, SobolEngine(n).draw(N_LOOK, dtype=torch.float64)[1:]])
+        for turn in range(2):
+            plates.at(plates.model.space.to_si(place[0]))
+            problem = Problem(plates.reduced(plates.model), plates.evidence, self.prior, self.settings)
+            if turn == 0 and n:
+                off = plates.evidence.residual(problem.natural.frequency(starts)).square().sum(-1)
+                starts = starts[(off + problem.deviations(starts).square().sum(-1)).argsort()[:N_BEST]]
+            minima = problem.minima(starts)
+            place = starts = minima[0].position[None]
+            plates.n_evaluation += len(starts)
+            if not n:
+                break
+        # The box may have several minima; those of the last turn are one, found from the best.
+        baseline = Weighed(None, plates.model, tuple(minima), together(minima), True)
+        return baseline, Fitted.of(problem, minima[0])
+
+    def refitted(self, hypothesis: Hypothesis) -> Weighed:
+        """A hypothesis from all its starts, in the shared modes and those of its effects."""
+        model = self.plates.with_effects([part.candidate for part in hypothesis.parts], hypothesis.labels)
+        column = ordered(hypothesis, model.names, self.plates.model.names)
+        extra = _distinct([mode for part in hypothesis.parts for mode in part.modes])
+        problem = Problem(self.plates.reduced(model, extra), self.plates.evidence, self.prior, self.settings)
+        minima = problem.minima(hypothesis.starts[:, column])
+        self.plates.n_evaluation += len(hypothesis.starts) * self.settings.n_iteration
+        return Weighed(hypothesis, model, tuple(minima), together(minima))
+
+    def rebuilt(self, found: Weighed) -> Weighed:
+        """The same with the modes of the plate that was found in the basis: right in all dofs there."""
+        assert found.hypothesis is not None
+        plates, model = self.plates, found.model
+        extra = [mode for part in found.hypothesis.parts for mode in part.modes]
+        extra = _distinct([*extra, plates.modes_at(model, found.theta)])
+        problem = Problem(plates.reduced(model, extra), plates.evidence, self.prior, self.settings)
+        turned = {one.turns for one in found.minima}
+        kept = [one for one in found.minima if one.evidence < found.best.evidence + self.settings.near]
+        # The basis is right at the best minimum and not at its images, which were told before.
+        minima = problem.minima(
+            torch.stack([one.position for one in kept]), self.settings.n_first, max(turned, key=len)
+        )
+        return Weighed(found.hypothesis, model, tuple(minima), together(minima), True)
+
+    def tries(self, baseline: Weighed, fitted: Fitted) -> list[Tried]:
+        """Every candidate that natural frequencies can see, over its intervals."""
+        found = visible(self.plates, baseline.theta)
+        return [tried(self.plates, fitted, k, one, self.settings) for k, one in enumerate(found)]
+
+    def singles(self, baseline: Weighed, fitted: Fitted) -> Comparison:
+        """The given model and every effect alone."""
+        every = self.tries(baseline, fitted)
+        seen = [one for one in every if one.seen(self.settings)]
+        blind = {one.name for one in every} - {one.name for one in seen}
+        self.say(f"{self.plates.kind} mesh: {len(seen)} effects and options")
+        weighed = self._best_rebuilt([self.refitted(single(fitted, one, self.settings)) for one in seen])
+        return Comparison(self.plates, baseline, fitted, tuple(seen), tuple(sorted(blind)), tuple(weighed), 0)
+
+    def with_pairs(self, found: Comparison) -> Comparison:
+        """The pairs that promise most beside what was weighed."""
+        every = pairs(found.fitted, found.seen, self.settings)
+        evidence, level = self.plates.evidence, self.settings.level
+        does = any(
+            one.best.chi_square <= evidence.limit(one.best.n_effective, level)
+            for one in (found.baseline, *found.weighed)
+        )
+        count = min(len(every), self.settings.n_pair_beside if does else self.settings.n_pair)
+        self.say(f"{self.plates.kind} mesh: {count} of {len(every)} pairs")
+        weighed = self._best_rebuilt([self.refitted(one) for one in every[:count]])
+        left = len(every) - count
+        return Comparison(
+            found.plates, found.baseline, found.fitted, found.seen, found.unseen, (*found.weighed, *weighed), left
+        )
+
+    def _best_rebuilt(self, found: Sequence[Weighed]) -> list[Weighed]:
+        """The best few ended in modes of their own."""
+        ranked = sorted(found, key=lambda one: one.evidence)
+        least = ranked[0].evidence if ranked else 0.0
+        some = [one for one in ranked[: self.settings.n_rebuilt] if one.evidence < least + self.settings.far]
+        return [self.rebuilt(one) if one in some else one for one in ranked]
+
+
+def _distinct(modes: Sequence[Tensor]) -> list[Tensor]:
+    """Each once: two effects of a kind bring the same."""
+    kept: list[Tensor] = []
+    for mode in modes:
+        if not any(mode is one for one in kept):
+            kept.append(mode)
+    return kept

@@ -1,0 +1,74 @@
+"""The diagnosis of a table: both meshes, every effect, the pairs, and what they are worth."""
+
+import time
+from collections.abc import Callable, Mapping
+
+import torch
+
+from torchplate.diagnosis.result import Diagnosis
+from torchplate.diagnosis.table.comparison import Comparing, Comparison, Weighed
+from torchplate.diagnosis.table.evidence import TableEvidence
+from torchplate.diagnosis.table.hypotheses import Fitted
+from torchplate.diagnosis.table.plates import Plates
+from torchplate.diagnosis.table.posterior import Posterior
+from torchplate.diagnosis.table.settings import SETTINGS, TableSettings
+from torchplate.diagnosis.table.summary import Found, summarise
+from torchplate.diagnosis.tolerance import with_tolerances
+from torchplate.measurement import NaturalFrequencies
+from torchplate.model import PlateModel
+
+
+@torch.no_grad()
+def diagnose_table(
+    model: PlateModel,
+    table: NaturalFrequencies,
+    *,
+    tolerance: Mapping[str, float] | None = None,
+    say: Callable[[str], None] = lambda _: None,
+    settings: TableSettings = SETTINGS,
+) -> Diagnosis:
+    """Find which effects a model lacks that natural frequencies were measured of.
+
+    Args:
+        model: the model as it is believed; its searched parameters are fitted.
+        table: what was measured.
+        tolerance: how well numbers are known: "label.parameter", "mesh.length_x" → standard deviation in SI units.
+        say: is told what is being tried.
+        settings: constants.
+    """
+    began = time.monotonic()
+    known, prior = with_tolerances(model, dict(tolerance or {}))
+    evidence = TableEvidence.of(table, settings)
+    benches = [Comparing(Plates.corrected(known, evidence, settings), prior, settings, say)]
+    if not model.mesh.extrapolate:
+        benches.append(Comparing(Plates(known, evidence, "given", settings, 1), prior, settings, say))
+    begun: list[tuple[Comparing, Weighed, Fitted]] = []
+    for bench in benches:
+        baseline, fitted = bench.baseline()
+        say(f"{bench.plates.kind} mesh: the given model leaves {evidence.gap(baseline.best.predicted):.3g}")
+        begun.append((bench, baseline, fitted))
+    if len(begun) > 1 and _alike(begun[0], begun[1], settings):
+        begun = begun[:1]
+    compared = [bench.singles(baseline, fitted) for bench, baseline, fitted in begun]
+    best = min(_best(one) for one in compared)
+    # A mesh that is that much less probable would need a pair to come back.
+    compared = [
+        bench.with_pairs(one) if _best(one) < best + settings.pairs_within else one
+        for (bench, _, _), one in zip(begun, compared, strict=True)
+    ]
+    found = Found(tuple(compared), Posterior.of(compared, settings), prior, settings)
+    return summarise(found, time.monotonic() - began)
+
+
+def _best(one: Comparison) -> float:
+    return min(weighed.evidence for weighed in (one.baseline, *one.weighed))
+
+
+def _alike(
+    one: tuple[Comparing, Weighed, Fitted], other: tuple[Comparing, Weighed, Fitted], settings: TableSettings
+) -> bool:
+    """Whether both meshes say the same of the given model, to a part of the standard deviations."""
+    theta = one[1].theta
+    found = [bench.plates.exactly(bench.plates.model, theta) for bench, _, _ in (one, other)]
+    off = (found[0] - found[1]) / one[0].plates.evidence.scatter
+    return float(off.abs().max()) < settings.same_mesh
