@@ -18,6 +18,8 @@ The names below are public:
 32
 """
 
+from importlib.metadata import version
+
 from torchplate.cli.build import load_model
 from torchplate.diagnosis import Diagnosis, diagnose
 from torchplate.effects import CATALOGUE
@@ -35,6 +37,8 @@ from torchplate.search import (
     minimize,
 )
 
+__version__ = version("torchplate-fem")
+
 __all__ = [
     "CATALOGUE",
     "OPTIMIZERS",
@@ -48,6 +52,7 @@ __all__ = [
     "PlateModel",
     "Sade",
     "Status",
+    "__version__",
     "diagnose",
     "load_model",
     "minimize",

@@ -95,3 +95,19 @@ def test_a_transmissibility_has_no_reference_place(make_measurement):
     assert len(found.response) == 2
     assert found.reference == ()
     assert found.reference_place.shape == (0, 2)
+
+
+def test_a_match_by_number_says_that_it_is_a_guess_and_where_it_puts_the_nodes(make_measurement):
+    remark = place(make_measurement(coordinates=False), 0.3, 0.2, 6, 4).remark
+    # Nodes 3, 17 and 8 of rows of seven: columns 2, 2 and 0 of rows 0, 2 and 1.
+    for words in ("2 responses and 3 references", "node number", "3 to 17", "x 0 to 0.1 m, y 0 to 0.1 m", "2411"):
+        assert words in remark
+
+
+def test_a_match_by_coordinates_says_so_and_names_the_channel_that_is_off_the_plate(make_measurement):
+    assert place(make_measurement(), 0.3, 0.2, 6, 4).remark == (
+        "Matched 2 responses and 3 references to the plate by their coordinates."
+    )
+    off = place(with_response_at(make_measurement, 0.302, 0.1), 0.3, 0.2, 6, 4).remark
+    assert "1 response " in off
+    assert "3w lies 2 mm off the plate" in off

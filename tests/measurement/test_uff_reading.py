@@ -228,6 +228,37 @@ def test_in_plane_channels_are_left_out_with_a_note(record_58, tmp_path):
     assert any("4u/9w" in note for note in measurement.notes)
 
 
+@pytest.mark.parametrize(
+    ("function_type", "words"),
+    [(0, ["function type 0 (unknown)", "record 2 (4w/9w)", "type 4"]), (2, ["function type 2 (auto spectrum)"])],
+)
+def test_records_that_are_no_frf_are_left_out_with_a_note(function_type, words, record_58, tmp_path):
+    path = tmp_path / "mixed.uff"
+    path.write_bytes(good(record_58) + good(record_58, function_type=function_type))
+    measurement = read_measurement(path)
+    assert len(measurement.pairs) == 1
+    (note,) = measurement.notes
+    assert all(word in note for word in ["Left out 1 record", *words]), note
+
+
+def test_many_coherences_without_their_frfs_are_one_note(record_58, tmp_path):
+    path = tmp_path / "orphans.uff"
+    path.write_bytes(
+        good(record_58)
+        + good(record_58, function_type=6, reference=(2, 3))
+        + good(record_58, function_type=6, reference=(3, 3))
+    )
+    (note,) = read_measurement(path).notes
+    assert "Left out 2 coherences" in note
+
+
+def test_mode_shapes_beside_the_frfs_are_left_out_with_a_note(record_58, tmp_path):
+    path = tmp_path / "shapes.uff"
+    path.write_bytes(good(record_58) + b"    -1\n    55\nNONE\n    -1\n")
+    (note,) = read_measurement(path).notes
+    assert "1 dataset 55" in note
+
+
 def test_pairs_that_the_file_does_not_hold_are_marked_and_zero(record_58, tmp_path):
     path = tmp_path / "sparse.uff"
     path.write_bytes(good(record_58, response=(4, 3)) + good(record_58, response=(2, 3), reference=(7, 3)))

@@ -1,15 +1,29 @@
 """From a checked config to what a run needs: model, evidence, objective, optimiser."""
 
 import dataclasses
+import functools
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from torchplate.cli.config import Config, InputError, SearchConfig, Unknown, quantity, read_config, typed, unknown_key
+from torchplate.cli.config import (
+    Config,
+    InputError,
+    SearchConfig,
+    Unknown,
+    checked,
+    quantity,
+    read_config,
+    typed,
+    unknown_key,
+)
 from torchplate.discrepancy import OBJECTIVES, Evidence, Objective
 from torchplate.effects import Effect, Parameter, find_effect, options
 from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies, Placement, place, read_measurement
+from torchplate.measurement.plausibility import disagreements
 from torchplate.model import PlateModel, Point, Searched, extrapolate
+from torchplate.model.usual_ranges import impossible, unusual
 from torchplate.plate import Mesh
 from torchplate.search import OPTIMIZERS, LeastSquares, Optimizer
 from torchplate.search.optimizer import unknown_name
@@ -21,11 +35,19 @@ SEARCHES: dict[str, type[Any]] = OPTIMIZERS | {LeastSquares.name: LeastSquares}
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """A checked config, and where it was read from."""
+    """A checked config, and where it was read from.
+
+    Attributes:
+        path: of the YAML file.
+        raw: what it says, overrides included.
+        config: the same, checked.
+        dropped: what an override has made meaningless and is left out, a sentence each.
+    """
 
     path: Path
     raw: dict[str, Any]
     config: Config
+    dropped: tuple[str, ...] = ()
 
     def model(self, refine: int = 1) -> PlateModel:
         """The model it describes, with the measurement's responses, references and kind where there is one.
@@ -61,9 +83,12 @@ class Run:
             response = [spot.place for spot in found.response]
             reference = [spot.place for spot in found.reference] or None
             kind = frfs.kind
-        return self.told(
+        model = self.told(
             "effects", lambda: PlateModel(mesh, effects, known, searched, response, reference, kind or "receptance")
         )
+        if (wrong := impossible(model)) is not None:
+            raise self.error(*wrong)
+        return model
 
     def _parts(self, refine: int) -> tuple[Mesh, dict[str, Effect], dict[str, float], dict[str, Searched]]:
         settings = self.config.mesh
@@ -102,12 +127,23 @@ class Run:
 
     def measurement(self) -> Measurement | None:
         """The FRFs of the measurement file, cut to the band; None where the config names no file."""
+        return self._frfs
+
+    @functools.cached_property
+    def _frfs(self) -> Measurement | None:
         settings = self.config.measurement
         if settings.file is None:
             return None
         path = self.path.parent / settings.file
         if not path.exists():
-            raise self.error("measurement.file", f"Expected a file, found none at {path}. Correct the path.")
+            here = (
+                f" {settings.file} is there, but paths count from the config's folder:"
+                if settings.file.exists()
+                else ""
+            )
+            near = os.path.relpath(settings.file, self.path.parent)
+            action = f"{here} write {near}." if here else " Correct the path, which counts from the config's folder."
+            raise self.error("measurement.file", f"Expected a file, found none at {path}.{action}")
         frfs = self.told("measurement.file", lambda: read_measurement(path, settings.kind))
         if settings.band is not None:
             band = settings.band
@@ -134,6 +170,26 @@ class Run:
         if frfs is None and table is None:
             raise self.error("measurement", "Expected a file or natural_frequencies, got neither. Add one of them.")
         return Evidence(frfs, table, settings.gain == "unknown", settings.n_average)
+
+    def remarks(self, model: PlateModel) -> tuple[str, ...]:
+        """What a user must know before a search, one sentence each.
+
+        What an override has made meaningless, how the channels were matched to the plate, what was left out of the
+        measurement file, sizes and moduli that few plates have, and what no value in the intervals can mend:
+        frequencies, kind and level that do not fit.
+
+        Args:
+            model: of this config.
+        """
+        settings = self.config.measurement
+        found = [f"{key}: {sentence}" for key, sentence in unusual(model)]
+        frfs, table = self.measurement(), settings.natural_frequencies
+        if frfs is not None:
+            found = [self.placement(frfs).remark, *frfs.notes, *found]
+        if frfs is not None or table is not None:
+            evidence = self.evidence()
+            found += disagreements(model, evidence.measurement, evidence.natural_frequencies, evidence.gain_is_unknown)
+        return (*self.dropped, *found)
 
     def imperfections(self) -> Imperfections:
         """What the test is not perfect in, as far as the config tells."""
@@ -188,7 +244,7 @@ class Run:
     def _check_least_squares(self, settings: LeastSquares) -> None:
         """Whether the keys that all searches share mean something to this one."""
         search = self.config.search
-        for key in ("target", "tolerance", "stagnation"):
+        for key in _NOT_OF_LEAST_SQUARES:
             if key in search.model_fields_set:
                 raise self.error(
                     f"search.{key}",
@@ -244,7 +300,32 @@ def load_run(path: Path | str, overrides: Sequence[str] = ()) -> Run:
     Raises:
         InputError: if the file cannot be used; see `config.read_config`.
     """
-    return Run(Path(path), *read_config(Path(path), overrides))
+    path = Path(path)
+    raw, config = read_config(path, overrides)
+    foreign = _foreign(config, overrides)
+    if not foreign:
+        return Run(path, raw, config)
+    raw = raw | {"search": {key: value for key, value in raw["search"].items() if key not in foreign}}
+    sentence = f"search: left out {', '.join(foreign)} of the file, which {config.search.optimizer} does not take."
+    return Run(path, raw, checked(path, raw), (sentence,))
+
+
+# What all searches share and this one, whose starts stop one by one, does not take.
+_NOT_OF_LEAST_SQUARES = ("target", "tolerance", "stagnation")
+
+
+def _foreign(config: Config, overrides: Sequence[str]) -> list[str]:
+    """Keys of the file's own optimiser where an override names another one; keys that no optimiser has stay."""
+    given = {override.partition("=")[0] for override in overrides}
+    name = config.search.optimizer
+    if "search.optimizer" not in given or name not in SEARCHES:
+        return []
+    own = {field.name for field in dataclasses.fields(SEARCHES[name])}
+    others = {field.name for kind in SEARCHES.values() for field in dataclasses.fields(kind)} - own
+    found = [key for key in config.search.model_extra or {} if key in others]
+    if name == LeastSquares.name:
+        found += [key for key in _NOT_OF_LEAST_SQUARES if key in config.search.model_fields_set]
+    return [key for key in found if f"search.{key}" not in given]
 
 
 def load_model(path: Path | str, overrides: Sequence[str] = ()) -> PlateModel:

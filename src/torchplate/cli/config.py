@@ -16,6 +16,9 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 
 from torchplate.model import Searched
 
+# A measurement given where a config belongs.
+NOT_CONFIGS = (".uff", ".unv", ".uf", ".npz")
+
 
 class InputError(ValueError):
     """The user's input cannot be used; the message is the whole sentence for stderr."""
@@ -173,7 +176,18 @@ def parse_quantity(value: Any) -> Known | Unknown:
     try:
         return Known(value=value)
     except ValidationError:
-        raise ValueError("a number, an interval [low, high], or {value: , std: }") from None
+        raise ValueError(f"a number, an interval [low, high], or {{value: , std: }}{_hint(value)}") from None
+
+
+def _hint(value: Any) -> str:
+    """What a text that is nearly a number lacks."""
+    if not isinstance(value, str):
+        return ""
+    if re.fullmatch(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*", value):
+        return " with a decimal point, not a comma"
+    if re.fullmatch(r"\s*[-+]?[\d.]+([eE][-+]?\d+)?\s*[^\d\s.,].*", value):
+        return " alone, in SI units and without the unit"
+    return ""
 
 
 def typed(owner: type, name: str, value: Any) -> Any:
@@ -205,26 +219,64 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, An
     Raises:
         InputError: if the file is absent, is not YAML, or a key is unknown or has the wrong kind of value.
     """
+    if path.suffix.lower() in NOT_CONFIGS:
+        raise InputError(
+            f"{path}: Expected a config (YAML), got the suffix of a measurement. Name the file in a config under "
+            f"measurement.file; `torchplate inspect {path}` says what it holds."
+        )
     if not path.is_file():
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*.yaml")], n=1)
         guess = f" Did you mean {path.parent / near[0]}?" if near else ""
         raise InputError(f"{path}: Expected a config file, found none.{guess} Give the path of a YAML file.")
     try:
-        raw = yaml.safe_load(path.read_text())
+        text = path.read_text()
+        raw = yaml.safe_load(text)
+        twice = _given_twice(yaml.compose(text, yaml.SafeLoader))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         problem = " ".join(str(error).split())
         raise InputError(f"{path}: Expected YAML, got a file that is not ({problem}). Correct it there.") from None
+    if twice is not None:
+        key, *lines = twice
+        raise InputError(
+            f"{path}: {key}: Expected each key once, got it in lines {lines[0]} and {lines[1]}. Keep one of them."
+        )
     if not isinstance(raw, dict):
         raise InputError(f"{path}: Expected keys such as mesh and effects, got {type(raw).__name__}. See README.md.")
     raw = _numbers(raw)
     for override in overrides:
         _override(raw, override)
+    return raw, checked(path, raw)
+
+
+def _given_twice(node: yaml.Node | None, where: str = "") -> tuple[str, int, int] | None:
+    """The first key that a mapping holds twice, which PyYAML takes in silence, and its two lines, counted from 1."""
+    if isinstance(node, yaml.SequenceNode):
+        return next((found for item in node.value if (found := _given_twice(item, where))), None)
+    if not isinstance(node, yaml.MappingNode):
+        return None
+    lines: dict[str, int] = {}
+    for key, value in node.value:
+        name, line = str(key.value), key.start_mark.line + 1
+        full = f"{where}.{name}" if where else name
+        if name in lines:
+            return full, lines[name], line
+        lines[name] = line
+        if (found := _given_twice(value, full)) is not None:
+            return found
+    return None
+
+
+def checked(path: Path, raw: dict[str, Any]) -> Config:
+    """The config that a file says, each key and kind of value checked.
+
+    Raises:
+        InputError: if a key is unknown or has the wrong kind of value.
+    """
     try:
-        config = Config.model_validate(raw)
+        return Config.model_validate(raw)
     except ValidationError as error:
         key, message = first_complaint(error)
         raise InputError(f"{path}: {key}: {message}") from None
-    return raw, config
 
 
 def dump(raw: Mapping[str, Any]) -> str:
@@ -256,8 +308,11 @@ def _override(raw: dict[str, Any], text: str) -> None:
             raise InputError(f"--set {text}: Expected {parent} to hold keys, got {target!r}. Shorten the key.")
     try:
         target[last] = _numbers(yaml.safe_load(value))
+        twice = _given_twice(yaml.compose(value, yaml.SafeLoader), key)
     except yaml.YAMLError:
         raise InputError(f"--set {text}: Expected a YAML value, got '{value}'. Put it in quotes.") from None
+    if twice is not None:
+        raise InputError(f"--set {text}: Expected each key once, got {twice[0]} twice. Keep one of them.")
 
 
 def unknown_key(name: str, known: Sequence[str] | Mapping[str, Any]) -> str:

@@ -69,6 +69,8 @@ def diagnose(
     folder = run_folder(recipe, out, resume=False)
     open_folder(recipe, folder, device)
     console.print(f"[bold]{recipe.path.stem}[/]")
+    for remark in recipe.remarks(model):
+        console.print(f"  Note: {remark}", markup=False, highlight=False, soft_wrap=True)
     measurement = None if evidence.measurement is None else evidence.measurement.to(where)
     table = None if evidence.natural_frequencies is None else evidence.natural_frequencies.to(where)
     found = find_missing(

@@ -4,7 +4,7 @@ import json
 import shlex
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +41,13 @@ class Found:
         folder: the run's folder.
         result: the content of result.json.
         caveats: what a user must know before trusting the values, one sentence each.
+        remarks: what was said before the search: of the file, of units, of what cannot belong together.
     """
 
     folder: Path
     result: dict[str, Any]
     caveats: list[str]
+    remarks: tuple[str, ...] = ()
 
 
 def run(
@@ -86,12 +88,16 @@ def run(
     folder = run_folder(recipe, out, resume)
     checkpoint = read_checkpoint(recipe, folder, model.known.device) if resume else None
     open_folder(recipe, folder, device)
+    remarks = recipe.remarks(model)
+    for remark in remarks:
+        console.print(f"  Note: {remark}", markup=False, highlight=False, soft_wrap=True)
     if objective is None:
-        return _evaluated(recipe, model, folder, console)
+        return replace(_evaluated(recipe, model, folder, console), remarks=remarks)
     console.print(f"[bold]{recipe.path.stem}[/]: {_described(objective)}")
     searched = in_reduced_basis(recipe, objective, console)
     if not model.names:
-        return _finished(recipe, objective, searched, folder, model.known.new_zeros(1, 0), None, console)
+        found = _finished(recipe, objective, searched, folder, model.known.new_zeros(1, 0), None, console)
+        return replace(found, remarks=remarks)
     log = RunLog(folder, model.names, None if checkpoint is None else int(checkpoint["generation"]))
     try:
         command = _command(path, folder, overrides, device)
@@ -114,7 +120,7 @@ def run(
         log.settings(settings | (recipe.config.search.model_extra or {}), results)
     finally:
         log.close()
-    return found
+    return replace(found, remarks=remarks)
 
 
 def follow(ranks: Ranks) -> None:

@@ -12,6 +12,7 @@ Map:
     noise: how noisy each line is, from the measurement alone
     placement: where each channel sits on the plate
     quality: driving points, reciprocity, coherence, noise between lines, peaks, suspicious channels
+    plausibility: whether a model and a measurement can belong together: frequencies, kind and level
     analyser, modal_test: the virtual hammer test, which makes a measurement from a model
 """
 

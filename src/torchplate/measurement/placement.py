@@ -41,11 +41,13 @@ class Placement:
         response: Sensor places.
         reference: Force places. Empty for a transmissibility, whose reference is the motion of all held edges.
         by: "coordinate" or "node": what the match went by.
+        remark: the same in a sentence, with what to do where it is a guess.
     """
 
     response: tuple[Match, ...]
     reference: tuple[Match, ...]
     by: str
+    remark: str = ""
 
     @property
     def response_place(self) -> Float[Tensor, "n_response 2"]:
@@ -98,6 +100,32 @@ def place(measurement: Measurement, length_x: float, length_y: float, n_x: int, 
         response=tuple(placed[:n_response]),
         reference=tuple(placed[n_response:]),
         by="coordinate" if any(located) else "node",
+        remark=_remark(placed, n_response, grid, any(located)),
+    )
+
+
+def _remark(placed: list[Match], n_response: int, grid: "_Grid", by_coordinate: bool) -> str:
+    counts = [f"{n_response} response{'s' * (n_response != 1)}"]
+    if n_reference := len(placed) - n_response:
+        counts.append(f"{n_reference} reference{'s' * (n_reference != 1)}")
+    subject = f"Matched {' and '.join(counts)} to the plate by"
+    if by_coordinate:
+        text = f"{subject} their coordinates"
+        farthest = max(placed, key=lambda match: match.outside)
+        if farthest.outside > 0:
+            text += f"; {farthest.label} lies {1e3 * farthest.outside:.2g} mm off the plate and is taken on its edge"
+        return f"{text}."
+    sides = [match.place[0] * grid.length_x for match in placed], [match.place[1] * grid.length_y for match in placed]
+    spans = [
+        f"{axis} {min(side):.3g} to {max(side):.3g} m" if len(placed) > 1 else f"{axis} {side[0]:.3g} m"
+        for axis, side in zip("xy", sides, strict=True)
+    ]
+    nodes = sorted({match.nearest_node for match in placed})
+    labels = str(nodes[0]) if len(nodes) == 1 else f"{nodes[0]} to {nodes[-1]}"
+    return (
+        f"{subject} node number, because the file holds no coordinates: its nodes {labels} are taken as labels of the "
+        f"{grid.n_x} × {grid.n_y} mesh, counted along x from the corner (0, 0), so at {', '.join(spans)}. If the test "
+        "sheet counts otherwise, give the nodes coordinates (dataset 15 or 2411)."
     )
 
 

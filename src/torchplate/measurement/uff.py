@@ -26,6 +26,7 @@ from torchplate.measurement.uff_values import ValuesError, decode
 
 FUNCTION_TYPE: Final = {0: "unknown", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "FRF"}
 FUNCTION_TYPE_READ: Final = {4: "FRF", 5: "transmissibility", 6: "coherence"}
+SHAPES: Final = {55: "data at nodes, such as mode shapes", 2414: "analysis data, such as mode shapes"}
 DIRECTION: Final = {0: "w", 1: "u", 2: "v", 3: "w", 4: "tx", 5: "ty", 6: "tz"}
 
 End = tuple[int, str]
@@ -81,6 +82,7 @@ def read_uff(path: Path, kind: str | None = None) -> Measurement:
             f"{path}: expected FRFs (dataset 58 with function type 4, or 5 for transmissibility), got {came}. "
             "Export the FRFs from the analyser."
         )
+    notes += _left_out(file, records)
     plane = [r for r in frfs if (r.response[1], r.reference[1]) != ("w", "w")]
     frfs = [r for r in frfs if (r.response[1], r.reference[1]) == ("w", "w")]
     if not frfs:
@@ -89,11 +91,31 @@ def read_uff(path: Path, kind: str | None = None) -> Measurement:
             f"{plane[0].label}. A bending plate has no in-plane FRFs: export the z direction."
         )
     if plane:
-        notes.append(f"Left out {len(plane)} FRFs that are not out of the plate, the first {plane[0].label}.")
+        many = "FRFs that are" if len(plane) > 1 else "FRF that is"
+        notes.append(f"Left out {len(plane)} {many} not out of the plate, the first {plane[0].label}.")
     if any(r.scalar for r in frfs):
         notes.append("Channels with direction 0 (scalar) were taken as out of the plate.")
     found, factor = _kind_and_factor(frfs, kind, units, path, notes)
     return _assemble(frfs, [r for r in records if r.function_type == 6], places, found, factor, path, notes)
+
+
+def _left_out(file: Any, records: list[Record]) -> list[str]:
+    """What the file holds besides FRFs and coherence: a sentence for each kind."""
+    found = []
+    for function_type in sorted({r.function_type for r in records} - set(FUNCTION_TYPE_READ)):
+        own = [r for r in records if r.function_type == function_type]
+        name = FUNCTION_TYPE.get(function_type, "other")
+        first = own[0].label if len(own) == 1 else f"the first {own[0].label}"
+        # Some exporters write 0 for whatever they measure.
+        action = " If these are FRFs, export them with function type 4." if function_type == 0 else ""
+        found.append(
+            f"Left out {len(own)} record{'s' * (len(own) > 1)} of dataset 58 with function type {function_type} "
+            f"({name}), not an FRF: {first}.{action}"
+        )
+    for number, name in SHAPES.items():
+        if n_set := len(_of_type(file, number)):
+            found.append(f"Left out {n_set} dataset{'s' * (n_set > 1)} {number} ({name}): only FRFs are read.")
+    return found
 
 
 def _open(path: Path) -> tuple[Any, Units, dict[int, Point], list[str]]:
@@ -272,10 +294,14 @@ def _assemble(
         owner[pair] = record
         place = (responses.index(pair[0]), references.index(pair[1]))
         frf[:, *place] = record.sign * factor * record.value
+    lone = [record for record in coherences if (record.response, record.reference) not in owner]
+    if len(lone) == 1:
+        notes.append(f"The coherence in {lone[0].label} belongs to no FRF that was read; left out.")
+    elif lone:
+        notes.append(f"Left out {len(lone)} coherences that belong to no FRF that was read, the first {lone[0].label}.")
     for record in coherences:
         pair = (record.response, record.reference)
         if pair not in owner:
-            notes.append(f"The coherence in {record.label} belongs to no FRF that was read; left out.")
             continue
         _same_lines(record, first, path)
         coherence[:, responses.index(pair[0]), references.index(pair[1])] = record.value.real

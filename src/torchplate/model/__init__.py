@@ -11,15 +11,18 @@
 - `modal_sum`: the sum over modes for many lines at once; `attach`: springs, dashpots and masses attached to it.
 - `shared_modes`: plates that differ by a factor have the same modes, and need no eigenproblem at all; `attached_sum`:
   their modal sums, values in place and gradients by the adjoint.
+- `usual_ranges`: sizes and moduli that no plate has, that few have, and the unit that was meant.
+- `arguments`: theta, lines and places as callers give them, checked.
 - `plate_model`: the torch module that puts them together.
 """
 
+from torchplate.model.arguments import Point
 from torchplate.model.error_estimate import basis_error, estimated_error
 from torchplate.model.extrapolation import Extrapolated, extrapolate
 from torchplate.model.fine_mesh import DENSE, SparseModel
 from torchplate.model.modes import Modes
 from torchplate.model.parameter_space import ParameterSpace, Searched
-from torchplate.model.plate_model import PlateModel, Point
+from torchplate.model.plate_model import PlateModel
 from torchplate.model.reduced_basis import reduce
 
 __all__ = [

@@ -10,6 +10,16 @@ from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
 from torchplate.effects import Effect, Plate, SensorChain
+from torchplate.model.arguments import (
+    Numbers,
+    Point,
+    Points,
+    as_frequency,
+    as_points,
+    as_theta,
+    check_range,
+    limits,
+)
 from torchplate.model.frf import (
     KINDS,
     as_kind,
@@ -31,12 +41,13 @@ from torchplate.plate.transforms import transformed
 # Greatest error of an FRF in relative norm for which a search is done in single precision; least squares finish it.
 SINGLE_TOLERANCE = 1e-4
 
-Point = int | Sequence[float]
-Points = Sequence[Point] | Float[Tensor, "n_point 2"]
-
 
 class PlateModel(nn.Module):
     """A plate with its effects; some of their parameters are known, the others are searched.
+
+    Called, it is `frf`. Its numbers stay in double precision whatever dtype it is moved to, and results have theta's:
+    the highest of all eigenvalues is 1e5 times and more those of the measured modes, so that in single precision their
+    rounding is as large as these (1.5 % of an FRF, 14 % near rigid-body motion on soft springs).
 
     Args:
         mesh: the mesh.
@@ -55,6 +66,7 @@ class PlateModel(nn.Module):
     """
 
     known: Tensor
+    limit: Tensor
 
     def __init__(
         self,
@@ -104,6 +116,8 @@ class PlateModel(nn.Module):
         names = [key for key in everything if key in searched]
         self.space = ParameterSpace(names, [everything[k].unit for k in names], [searched[k] for k in names])
         self.register_buffer("known", torch.tensor(values, dtype=torch.float64))
+        self._searched = [everything[key] for key in names]
+        self.register_buffer("limit", limits(self.space, self._searched), persistent=False)
         self.assembly = Assembly(mesh) if assembly is None else assembly
         self.shared_modes: SharedModes | None = None
         self.couples_modes, self.in_single = True, False
@@ -115,6 +129,15 @@ class PlateModel(nn.Module):
         # Nobody is asked for channels yet; a place that is none is near no label.
         nowhere = self.known.new_full((1, 2), math.nan)
         self._check_effects(nowhere, nowhere)
+
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> "PlateModel":
+        """What `to`, `float` and `cuda` do to the tensors: they move, and floating-point ones keep their precision."""
+
+        def moved(tensor: Tensor) -> Tensor:
+            found = fn(tensor)
+            return tensor.to(found.device) if found.dtype != tensor.dtype else found
+
+        return super()._apply(moved, recurse)
 
     def check_channels(self) -> None:
         """Whether the effects can be had with the model's own responses and references.
@@ -264,16 +287,30 @@ class PlateModel(nn.Module):
         """Mass, stiffness and damping; what no searched parameter touches has no batch dimension."""
         return self.assembly.system(*self.plan(theta))
 
-    def modes(self, theta: Float[Tensor, "*batch n_parameter"]) -> Modes:
+    def _theta(self, given: Numbers, check: bool) -> tuple[Tensor, bool]:
+        """Theta in the model's precision, and whether results are wanted in single precision."""
+        theta = as_theta(given, self.names, self.known)
+        # To look is to wait for another device, which searches in a reduced basis do not do.
+        if check and (theta.device.type == "cpu" or self.assembly.basis is None):
+            check_range(theta, self.space, self._searched, self.limit)
+        return theta, isinstance(given, Tensor) and given.dtype in (torch.float32, torch.float16, torch.bfloat16)
+
+    def modes(self, theta: Numbers, *, check: bool = True) -> Modes:
         """All undamped modes, one `torch.linalg.eigh` for the batch.
 
         Shapes have no derivative where frequencies repeat: differentiate `frf` or `natural_frequencies` instead.
+
+        Args:
+            theta: as for `frf`.
+            check: likewise.
         """
+        theta, single = self._theta(theta, check)
         system = self.system(theta)
-        return solve_modes(system.stiffness, system.mass)
+        modes = solve_modes(system.stiffness, system.mass)
+        return Modes(*(part.float() for part in modes)) if single else modes
 
     def natural_frequencies(
-        self, theta: Float[Tensor, "*batch n_parameter"], n_mode: int = 20
+        self, theta: Numbers, n_mode: int = 20, *, check: bool = True
     ) -> Float[Tensor, "*batch n_mode"]:
         """The lowest undamped natural frequencies [Hz], rigid-body modes first.
 
@@ -282,48 +319,85 @@ class PlateModel(nn.Module):
         along the eigenvector that the solver picked, between the slopes of the branches that meet there. A rigid-body
         mode's is zero, or as small as its frequency. Second derivatives exist only where no frequency repeats.
 
+        Args:
+            theta: as for `frf`.
+            n_mode: how many.
+            check: as for `frf`.
+
         Raises:
-            ValueError: if the model has fewer modes than that.
+            ValueError: if the model has fewer modes than that, or theta cannot be meant.
         """
+        theta, single = self._theta(theta, check)
         if n_mode > self.assembly.size:
             raise ValueError(
                 f"Expected at most {self.assembly.size} modes, got {n_mode}. Refine the mesh or ask for fewer."
             )
+        if not theta.shape[:-1].numel():
+            empty = theta.new_zeros(*theta.shape[:-1], n_mode) + 0 * theta.sum()
+            return empty.float() if single else empty
         parts = []
         for members in self._chunks(theta):
             system = self.system(members)
             eigenvalue = solve_eigenvalues(system.stiffness, system.mass)[..., :n_mode]
             parts.append(natural_frequencies(eigenvalue).expand(len(members), n_mode))
-        return joined(parts, 0).reshape(*theta.shape[:-1], n_mode)
+        found = joined(parts, 0).reshape(*theta.shape[:-1], n_mode)
+        return found.float() if single else found
 
-    def frf(
+    def forward(
         self,
-        theta: Float[Tensor, "*batch n_parameter"],
-        frequency: Float[Tensor, "n_frequency"],
+        theta: Numbers,
+        frequency: Numbers,
         response: Points | None = None,
         reference: Points | None = None,
         kind: str | None = None,
         decay: float = 0.0,
+        *,
+        check: bool = True,
+    ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
+        """The same as `frf`."""
+        return self.frf(theta, frequency, response, reference, kind, decay, check=check)
+
+    def frf(
+        self,
+        theta: Numbers,
+        frequency: Numbers,
+        response: Points | None = None,
+        reference: Points | None = None,
+        kind: str | None = None,
+        decay: float = 0.0,
+        *,
+        check: bool = True,
     ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
         """Frequency response functions of every member.
 
         Args:
-            theta: searched parameters in SI units, in the order of `names`.
-            frequency: lines [Hz], ≥ 0.
-            response: node labels or relative places (x, y); left out, those of the measurement. A tensor of places
-                [n_point, 2] has a gradient.
+            theta: searched parameters in SI units, in the order of `names`. A tensor, an array or a list; of single
+                precision, the result is too.
+            frequency: lines [Hz], ≥ 0; a single number is one line.
+            response: node labels or relative places (x, y), or one of them; left out, those of the measurement. A
+                tensor of places [n_point, 2] has a gradient.
             reference: likewise; a transmissibility has none.
             kind: receptance [m/N], mobility [m/(N s)], accelerance [m/(N s²)] or transmissibility [-]; left out, that
                 of the measurement.
             decay: σ of s = iω + σ [1/s]: what the FRF is of records windowed by exp(−σt).
+            check: refuse a theta that no plate has, such as one in the unit cube. Nothing is checked inside a
+                transform of torch.func, nor in a reduced basis on a GPU.
 
         Raises:
-            ValueError: if a place or the kind is unknown, or none is given and the model has no measurement.
+            ValueError: if a place or the kind is unknown, none is given and the model has no measurement, or theta or
+                the lines cannot be meant.
         """
         points = self._points(response, reference, kind)
-        laplace = laplace_lines(frequency.to(theta), decay)
-        parts = [self._frf(members, laplace, *points) for members in self._chunks(theta)]
-        return joined(parts, 0).reshape(*theta.shape[:-1], *parts[0].shape[1:])
+        theta, single = self._theta(theta, check)
+        laplace = laplace_lines(as_frequency(frequency, theta, check), decay)
+        if not theta.shape[:-1].numel() or not len(laplace):
+            n_reference = 1 if points[1] is None else len(points[1])
+            shape = (*theta.shape[:-1], len(laplace), len(points[0]), n_reference)
+            found = laplace.new_zeros(shape) + 0 * theta.sum()
+        else:
+            parts = [self._frf(members, laplace, *points) for members in self._chunks(theta)]
+            found = joined(parts, 0).reshape(*theta.shape[:-1], *parts[0].shape[1:])
+        return found.to(torch.complex64) if single else found
 
     def _points(
         self, response: Points | None, reference: Points | None, kind: str | None
@@ -339,7 +413,7 @@ class PlateModel(nn.Module):
             points = own if given is None else given
             if points is None and not (name == "reference" and kind == "transmissibility"):
                 raise ValueError(f"Expected a {name}, got none, and the model has no measurement. Give {name}=[node].")
-            found.append(None if points is None else self.mesh.places(points).to(self.known))
+            found.append(None if points is None else self.mesh.places(as_points(points, name)).to(self.known))
         assert found[0] is not None
         return found[0], found[1], kind
 
@@ -375,20 +449,25 @@ class PlateModel(nn.Module):
 
     def frf_direct(
         self,
-        theta: Float[Tensor, "*batch n_parameter"],
-        frequency: Float[Tensor, "n_frequency"],
+        theta: Numbers,
+        frequency: Numbers,
         response: Points | None = None,
         reference: Points | None = None,
         kind: str | None = None,
         decay: float = 0.0,
+        *,
+        check: bool = True,
     ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
         """The same as `frf`, by solving the dynamic stiffness at every line: slow, and independent of any mode."""
         points = self._points(response, reference, kind)
+        theta, single = self._theta(theta, check)
         plan = self.plan(theta)
         system = self.assembly.system(*plan)
         solve = functools.partial(direct_receptance, system)
-        whole = self._observed(theta, plan, laplace_lines(frequency.to(theta), decay), points, solve)
-        return whole.expand(*theta.shape[:-1], *whole.shape[-3:])
+        laplace = laplace_lines(as_frequency(frequency, theta, check), decay)
+        whole = self._observed(theta, plan, laplace, points, solve)
+        found = whole.expand(*theta.shape[:-1], *whole.shape[-3:])
+        return found.to(torch.complex64) if single else found
 
     def observed(
         self,
