@@ -10,13 +10,13 @@ import pytest
 import torchplate
 
 ROOT = Path(torchplate.__file__).parent
-# Each room may use itself and those before it; search stands alone; diagnosis, bench and examples may use all of these,
-# the command line may use diagnosis and bench too, and nobody examples.
+# Each room may use itself and those before it; search stands alone; diagnosis, identification, bench and examples may
+# use all of these, the command line may use diagnosis, identification and bench too, and nobody examples.
 ROW = ("plate", "effects", "model", "measurement", "discrepancy")
 MAY_USE = {room: {*ROW[: index + 1]} for index, room in enumerate(ROW)}
 MAY_USE |= {"search": {"search"}, "examples": {*ROW, "search", "examples"}}
-MAY_USE |= {room: {*ROW, "search", room} for room in ("bench", "diagnosis")}
-MAY_USE |= {"cli": {*ROW, "search", "bench", "diagnosis", "cli"}}
+MAY_USE |= {room: {*ROW, "search", room} for room in ("bench", "diagnosis", "identification")}
+MAY_USE |= {"cli": {*ROW, "search", "bench", "diagnosis", "identification", "cli"}}
 # What only one file may import, and which.
 ONLY = {"yaml": "cli/config.py", "pydantic": "cli/config.py", "tensorboard": "cli/log.py"}
 VAGUE = {"utils", "util", "misc", "helpers", "helper", "common", "core", "base", "manager"}

@@ -6,6 +6,7 @@
 - `measurement`: what a sensor did read.
 - `search`: minimise on the unit cube; knows nothing of plates.
 - `discrepancy`: the gap between the two.
+- `identification`: the values of the searched parameters that make it least, and how far to trust them.
 - `diagnosis`: where it comes from: the missing effect, named and added.
 - `bench`: how fast, beside what else there is.
 - `cli`: YAML in, `runs/` out.
@@ -23,6 +24,7 @@ from importlib.metadata import version
 from torchplate.cli.build import load_model
 from torchplate.diagnosis import Diagnosis, diagnose
 from torchplate.effects import CATALOGUE
+from torchplate.identification import Result, identify
 from torchplate.measurement import Measurement, read_measurement, write_uff
 from torchplate.model import PlateModel, reduce
 from torchplate.search import (
@@ -50,10 +52,12 @@ __all__ = [
     "Measurement",
     "Outcome",
     "PlateModel",
+    "Result",
     "Sade",
     "Status",
     "__version__",
     "diagnose",
+    "identify",
     "load_model",
     "minimize",
     "read_measurement",

@@ -126,7 +126,7 @@ class Bench:
     ) -> Found:
         """One run of the base config."""
         path = self.write(config(searched, changes))
-        return run(path, self.folder / out, overrides, resume=resume, console=Console(file=StringIO()))
+        return run(path, self.folder / out, overrides, resume=resume, console=Console(file=StringIO()), force=True)
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 """Whatever the user got wrong: exit status 2, one line on stderr that names file and key and says what to do."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 import torch
 
 from torchplate.cli.main import main
+from torchplate.measurement import Measurement
 from torchplate.search import OPTIMIZERS
 
 SIMULATE = {"measurement": {}}
@@ -321,7 +323,7 @@ def test_ctrl_c_says_how_to_go_on(bench, make_config, command, monkeypatch):
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("torchplate.cli.population.minimize", lambda *_, **__: stopped())
+    monkeypatch.setattr("torchplate.identification.job.minimize", lambda *_, **__: stopped())
     status, _, stderr = command("run", bench.write(make_config(["plate.youngs_modulus"])), "--out", bench.folder / "o")
     assert status == 130
     assert "--resume" in stderr
@@ -334,3 +336,41 @@ def test_every_optimizer_runs_with_its_own_settings_left_out(bench, optimizer):
     assert found.result["optimizer"] == optimizer
     assert sys.float_info.max > found.result["objective"] > 0
     assert Path(found.folder / "result.json").is_file()
+
+
+class TestADeadChannel:
+    @staticmethod
+    def silence(bench, response: object = slice(None), reference: object = slice(None)) -> None:
+        whole = Measurement.from_npz(bench.folder / "plate.npz")
+        whole.frf[:, response, reference] = 0
+        whole.to_npz(bench.folder / "plate.npz")
+
+    @pytest.mark.parametrize("optimizer", ["differential_evolution", "least_squares"])
+    def test_is_left_out_and_named_and_the_rest_is_searched(self, bench, make_config, command, optimizer):
+        self.silence(bench, reference=1)
+        search = {"optimizer": optimizer, "n_member": 6, "n_generation": 2}
+        path = bench.write(make_config(["plate.youngs_modulus"], {"search": search}))
+        status, stdout, _ = command("run", path, "--out", bench.folder / "out")
+        assert status == 0
+        assert "Left out 2 of 6 FRFs" in stdout
+        assert "4w/6w" in stdout
+        assert json.loads((bench.folder / "out" / "result.json").read_text())["parameters"]["plate.youngs_modulus"][
+            "std"
+        ]
+
+    @pytest.mark.parametrize("verb", ["run", "diagnose"])
+    def test_among_dead_ones_alone_is_refused(self, bench, make_config, command, verb):
+        self.silence(bench)
+        path = bench.write(make_config(["plate.youngs_modulus"]))
+        assert_refused(command(verb, path, "--out", bench.folder / "out"), "plate.npz", "4w/1w", "zero at every line")
+
+    def test_counts_in_the_band_alone(self, bench, make_config, command):
+        whole = Measurement.from_npz(bench.folder / "plate.npz")
+        whole.frf[whole.frequency > 100.0, 0] = 0
+        whole.to_npz(bench.folder / "plate.npz")
+        changes = {"measurement.band": [120.0, 400.0], "search.n_generation": 1}
+        status, stdout, _ = command(
+            "run", bench.write(make_config(["plate.youngs_modulus"], changes)), "--out", bench.folder / "o"
+        )
+        assert status == 0
+        assert "Left out 3 of 6 FRFs" in stdout

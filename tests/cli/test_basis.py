@@ -1,11 +1,13 @@
 """A run searches in a basis that it can trust, confirms its best member, and gives a wrong basis up."""
 
 import csv
+import importlib
 
 import pytest
 
-from torchplate.cli import basis, run
+from torchplate.identification import basis_check as basis
 
+identification = importlib.import_module("torchplate.identification.identify")
 # Poisson's ratio makes every plate's modes its own; on this mesh a basis needs few of its 72 dofs up to 150 Hz.
 SEARCHED = ["plate.youngs_modulus", "plate.poisson_ratio"]
 SETTINGS = {
@@ -61,7 +63,7 @@ def test_a_basis_that_is_wrong_at_the_best_takes_it_in(in_a_basis, monkeypatch, 
 
 def test_a_basis_that_stays_wrong_is_given_up(in_a_basis, monkeypatch):
     monkeypatch.setattr(basis, "basis_error", lambda *_: 1.0)
-    monkeypatch.setattr(run, "basis_error", lambda *_: 1.0)
+    monkeypatch.setattr(identification, "basis_error", lambda *_: 1.0)
     result = in_a_basis("refused").result
     assert "basis_error" not in result
 
@@ -103,14 +105,14 @@ def test_a_search_goes_on_in_the_precision_it_began_in(bench, command, monkeypat
 
 def test_what_single_precision_found_is_polished_from_its_objective_in_double(bench, monkeypatch):
     begun = []
-    own = run.polished
+    own = identification.polished
 
-    def spy(searched, outcome, console):
+    def spy(searched, outcome, say):
         again = searched(searched.model.space.to_si(outcome.best_position))
         begun.append((outcome.best_objective.tolist(), again.tolist()))
-        return own(searched, outcome, console)
+        return own(searched, outcome, say)
 
-    monkeypatch.setattr(run, "polished", spy)
+    monkeypatch.setattr(identification, "polished", spy)
     settings = {"search.basis": "auto", "search.precision": "single", "search.polish": True}
     bench.run(["plate.youngs_modulus", "wires.stiffness"], settings)
     ((given, again),) = begun

@@ -494,7 +494,7 @@ def test_every_status_says_what_to_do():
     for status in Status:
         sentences = status.value.rstrip(".").split(". ")
         assert len(sentences) == 2, status
-        assert sentences[1].split()[0] in {"Accept", "Raise", "Evaluate"}, status
+        assert sentences[1].split()[0] in {"Start", "Raise", "Evaluate"}, status
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ def test_every_status_says_what_to_do():
     for status in Status:
         sentences = status.value.rstrip(".").split(". ")
         assert len(sentences) == 2, status
-        assert sentences[1].split()[0] in {"Raise", "Accept", "Repeat", "Evaluate"}, status
+        assert sentences[1].split()[0] in {"Raise", "Lower", "Repeat", "Evaluate"}, status
 
 
 def test_progress_reports_mean_and_spread_of_the_members():

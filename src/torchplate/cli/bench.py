@@ -23,6 +23,7 @@ from torchplate.bench.generation import generation, memory
 from torchplate.bench.gradient import gradient
 from torchplate.bench.identification import identification
 from torchplate.bench.slopes import slopes
+from torchplate.cli.writing import whole, write_text
 
 PARTS: dict[str, Callable[[], Any]] = {
     "generation": generation,
@@ -58,10 +59,11 @@ def bench(out: Path | None = None, parts: Sequence[str] = (), console: Console |
             result.setdefault(part, {})[str(n_thread)] = found
             SHOWN[part](found, console)
             # A part that fails takes nothing with it.
-            path.write_text(json.dumps(result, indent=1) + "\n")
+            write_text(path, json.dumps(result, indent=1) + "\n")
     _say_best(result, console)
     if "slopes" in result:
-        slopes_figure(result["slopes"]["1"]).savefig(out / "slopes.png", dpi=110)
+        with whole(out / "slopes.png") as partial:
+            slopes_figure(result["slopes"]["1"]).savefig(partial, format="png", dpi=110)
     console.print(f"Written: {path}", soft_wrap=True)
     return result
 

@@ -18,6 +18,7 @@ from torchplate.cli.config import (
     typed,
     unknown_key,
 )
+from torchplate.cli.memory import complaint
 from torchplate.discrepancy import OBJECTIVES, Evidence, Objective
 from torchplate.effects import Effect, Parameter, find_effect, options
 from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies, Placement, place, read_measurement
@@ -92,6 +93,7 @@ class Run:
 
     def _parts(self, refine: int) -> tuple[Mesh, dict[str, Effect], dict[str, float], dict[str, Searched]]:
         settings = self.config.mesh
+        self.check_memory(refine, finer=2 if settings.extrapolate else 1)
         sides = settings.length_x.value, settings.length_y.value
         mesh = self.told(
             "mesh",
@@ -125,8 +127,17 @@ class Run:
                 self.told(f"{key}.{'nodes' if 'nodes' in fixed else 'at'}", lambda nodes=nodes: mesh.places(nodes))  # type: ignore[misc]
         return mesh, effects, known, searched
 
+    def check_memory(self, refine: int = 1, finer: int = 1) -> None:
+        """Whether the mesh fits the machine; see `memory.complaint`.
+
+        Raises:
+            InputError: if it does not.
+        """
+        if (told := complaint(self.config.mesh, refine, finer)) is not None:
+            raise self.error("mesh", told)
+
     def measurement(self) -> Measurement | None:
-        """The FRFs of the measurement file, cut to the band; None where the config names no file."""
+        """The FRFs of the measurement file, cut to the band, without dead ones; None where the config names no file."""
         return self._frfs
 
     @functools.cached_property
@@ -148,7 +159,7 @@ class Run:
         if settings.band is not None:
             band = settings.band
             frfs = self.told("measurement.band", lambda: frfs.band(*band))
-        return frfs
+        return self.told("measurement.file", frfs.without_zeros)
 
     def placement(self, frfs: Measurement) -> Placement:
         """Where the measurement's responses and references sit on the plate."""

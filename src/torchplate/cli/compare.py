@@ -13,6 +13,7 @@ from rich.table import Table
 from torchplate.cli.config import InputError
 from torchplate.cli.figures import Convergence, convergence, save
 from torchplate.cli.log import read_history
+from torchplate.cli.writing import write_text
 
 # A search counts as arrived when its best objective is within this part of the best that any run found.
 WITHIN = 0.01
@@ -71,7 +72,7 @@ def compare(folders: Sequence[Path], out: Path | None = None, console: Console |
     text = "\n\n".join(
         ["# Searches compared", _markdown(summary), _markdown(parameters), f"![convergence]({figure.name})"]
     )
-    (out / "comparison.md").write_text(text + "\n")
+    write_text(out / "comparison.md", text + "\n")
     console.print(f"Comparison: {out / 'comparison.md'}", soft_wrap=True)
     return groups
 

@@ -11,8 +11,10 @@ from rich.table import Table
 
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.config import Known, dump, quantity
-from torchplate.cli.folder import open_folder, relocated, run_folder
+from torchplate.cli.folder import check_free, open_folder, relocated, run_folder
+from torchplate.cli.occupied import occupied
 from torchplate.cli.run import device_named
+from torchplate.cli.writing import write_text
 from torchplate.diagnosis import Diagnosis
 from torchplate.diagnosis import diagnose as find_missing
 from torchplate.effects import options
@@ -33,6 +35,7 @@ def diagnose(
     device: str = "cpu",
     report: bool = True,
     console: Console | None = None,
+    force: bool = False,
 ) -> Diagnosis:
     """Diagnose a config's model, and write diagnosis.json, model.yaml and the report.
 
@@ -44,12 +47,16 @@ def diagnose(
         device: where the tensors live.
         report: whether to write report.md, report.html and the TensorBoard log.
         console: where progress goes.
+        force: write over what an earlier diagnosis has left in `out`.
 
     Raises:
-        InputError: if the config, the measurement or the device cannot be used.
+        InputError: if the config, the measurement, the device or the folder cannot be used.
     """
     console = console or Console()
     recipe = load_run(config, overrides)
+    folder = run_folder(recipe, out, resume=False)
+    check_free(folder, "diagnose", force=force)
+    recipe.check_memory(finer=2)  # that the mesh error is taken off by
     where = device_named(device)
     model = recipe.model_as_given().to(where)
     evidence = recipe.evidence()
@@ -66,27 +73,27 @@ def diagnose(
             f"Expected modes up to {model.assembly.size}, as many as the mesh has, got mode {int(table.mode.max())}. "
             "Raise mesh.refine, or leave it out.",
         )
-    folder = run_folder(recipe, out, resume=False)
-    open_folder(recipe, folder, device)
-    console.print(f"[bold]{recipe.path.stem}[/]")
-    for remark in recipe.remarks(model):
-        console.print(f"  Note: {remark}", markup=False, highlight=False, soft_wrap=True)
-    measurement = None if evidence.measurement is None else evidence.measurement.to(where)
-    table = None if evidence.natural_frequencies is None else evidence.natural_frequencies.to(where)
-    found = find_missing(
-        model,
-        measurement,
-        table,
-        tolerance=tolerances(recipe),
-        n_average=evidence.n_average,
-        gain_is_unknown=evidence.gain_is_unknown,
-        imperfections=recipe.imperfections(),
-        seed=recipe.config.search.seed,
-        say=lambda text: console.print(f"  {text}", style="dim", highlight=False),
-    )
-    write(recipe, found, folder, report, str(config))
-    _say(console, found, folder)
-    return found
+    with occupied(folder):
+        open_folder(recipe, folder, device, "diagnose", force=force)
+        console.print(f"[bold]{recipe.path.stem}[/]")
+        for note in recipe.remarks(model):
+            console.print(f"  Note: {note}", markup=False, highlight=False, soft_wrap=True)
+        measurement = None if evidence.measurement is None else evidence.measurement.to(where)
+        table = None if evidence.natural_frequencies is None else evidence.natural_frequencies.to(where)
+        found = find_missing(
+            model,
+            measurement,
+            table,
+            tolerance=tolerances(recipe),
+            n_average=evidence.n_average,
+            gain_is_unknown=evidence.gain_is_unknown,
+            imperfections=recipe.imperfections(),
+            seed=recipe.config.search.seed,
+            say=lambda text: console.print(f"  {text}", style="dim", highlight=False),
+        )
+        write(recipe, found, folder, report, str(config))
+        _say(console, found, folder)
+        return found
 
 
 def tolerances(recipe: Run) -> dict[str, float]:
@@ -104,9 +111,9 @@ def tolerances(recipe: Run) -> dict[str, float]:
 
 def write(recipe: Run, found: Diagnosis, folder: Path, report: bool, command: str) -> None:
     """diagnosis.json, model.yaml and, if wanted, what people read."""
-    (folder / MODEL).write_text(dump(_updated(recipe, found, folder)))
+    write_text(folder / MODEL, dump(_updated(recipe, found, folder)))
     content = found.to_dict() | {"model": MODEL}
-    (folder / "diagnosis.json").write_text(json.dumps(_plain(content), indent=1, allow_nan=False) + "\n")
+    write_text(folder / "diagnosis.json", json.dumps(_plain(content), indent=1, allow_nan=False) + "\n")
     if report:
         from torchplate.cli.diagnosis_report import write_diagnosis
         from torchplate.cli.log import log_diagnosis

@@ -12,6 +12,7 @@ from typing import Any
 
 from torchplate.cli.assurance_figure import caption
 from torchplate.cli.diagnosis_figures import DPI, figure_digits, figures, place_found, png
+from torchplate.cli.writing import write_bytes, write_text
 from torchplate.diagnosis.assurance import frac_by_channel
 from torchplate.diagnosis.result import Diagnosis, Estimate, Named, Overlay, Scored
 from torchplate.effects import CATALOGUE
@@ -90,11 +91,11 @@ def write_diagnosis(recipe_name: str, diagnosis: Diagnosis, folder: Path, comman
     pictures = {name: png(figure) for name, figure in figures(diagnosis).items()}
     (folder / FIGURES).mkdir(parents=True, exist_ok=True)
     for name, content in pictures.items():
-        (folder / FIGURES / f"{name}.png").write_bytes(content)
+        write_bytes(folder / FIGURES / f"{name}.png", content)
     title, foot = f"Diagnosis of {recipe_name}", _foot(diagnosis, command)
     blocks = list(_blocks(diagnosis, folder, pictures))
-    (folder / "report.md").write_text(_markdown(title, diagnosis, blocks, foot), encoding="utf-8")
-    (folder / "report.html").write_text(_html(title, diagnosis, blocks, foot, pictures), encoding="utf-8")
+    write_text(folder / "report.md", _markdown(title, diagnosis, blocks, foot))
+    write_text(folder / "report.html", _html(title, diagnosis, blocks, foot, pictures))
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:

@@ -1,5 +1,6 @@
 """Figures of a run: FRFs over each other, convergence, natural frequencies. Drawn without a screen."""
 
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 from torch import Tensor
+
+from torchplate.cli.writing import write_bytes
 
 # Okabe and Ito's colours: told apart by every reader, and in print.
 MEASURED, NOMINAL, UPDATED, RESIDUAL = "black", "#56B4E9", "#D55E00", "#999999"
@@ -125,9 +128,11 @@ def natural_frequencies(
 def save(figure: Figure, path: Path) -> Path:
     """Write a PNG of few colours, a third of the size, and return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=90, pil_kwargs={"optimize": True})
-    with Image.open(path) as image:
-        image.convert("RGB").quantize(64).save(path, optimize=True)
+    drawn, small = io.BytesIO(), io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=90)
+    with Image.open(drawn) as image:
+        image.convert("RGB").quantize(64).save(small, format="png", optimize=True)
+    write_bytes(path, small.getvalue())
     return path
 
 

@@ -1,4 +1,4 @@
-"""The folder of a run: where it is, what is written before the search, and what a search goes on from."""
+"""The folder of a run: where it is, what is written first and never over, and what a search goes on from."""
 
 import json
 import os
@@ -12,16 +12,58 @@ import torch
 
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.config import InputError, dump
+from torchplate.cli.writing import write_text
 from torchplate.search import Checkpoint, LeastSquares
 
 PACKAGES = ("torchplate-fem", "torch", "numpy", "scipy", "pyuff", "pydantic", "tensorboard", "matplotlib")
+CHECKPOINT = "checkpoint.pt"
 
 
-def open_folder(recipe: Run, folder: Path, device: str) -> None:
-    """Make the folder, and write the config as it is run and the versions it is run with."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.yaml").write_text(dump(relocated(recipe, folder)))
-    (folder / "versions.json").write_text(json.dumps(_versions(device), indent=1) + "\n")
+# What each verb leaves, and does not write over unasked.
+PRODUCTS = {
+    "run": ("result.json", "report.md", "checkpoint.pt"),
+    "diagnose": ("diagnosis.json", "model.yaml", "report.md", "report.html"),
+}
+
+
+def open_folder(
+    recipe: Run, folder: Path, device: str, verb: str, *, force: bool = False, resume: bool = False
+) -> None:
+    """Write the config as it is run and the versions it is run with.
+
+    Args:
+        recipe: what is run.
+        folder: where; it is there, and this process alone works in it.
+        device: where the tensors live.
+        verb: a key of PRODUCTS.
+        force: take away what an earlier run has left, so that its result never lies beside this one's config.
+        resume: leave it, to go on from.
+
+    Raises:
+        InputError: if an earlier run has left something, and neither is said.
+    """
+    check_free(folder, verb, force=force, resume=resume)
+    if force and not resume:
+        for name in PRODUCTS[verb]:
+            (folder / name).unlink(missing_ok=True)
+    write_text(folder / "config.yaml", dump(relocated(recipe, folder)))
+    write_text(folder / "versions.json", json.dumps({"verb": verb} | _versions(device), indent=1) + "\n")
+
+
+def check_free(folder: Path, verb: str, *, force: bool = False, resume: bool = False) -> None:
+    """Whether a verb may write here.
+
+    Raises:
+        InputError: if an earlier run has left something that this one would write over.
+    """
+    if force or resume:
+        return
+    for name in PRODUCTS[verb]:
+        if (folder / name).exists():
+            raise InputError(
+                f"--out {folder}: Expected a folder without results, got one that holds {name}. Name another, or give "
+                "--force to write over it or --resume to go on from it."
+            )
 
 
 def run_folder(recipe: Run, out: Path | None, resume: bool) -> Path:
@@ -42,8 +84,10 @@ def run_folder(recipe: Run, out: Path | None, resume: bool) -> Path:
         return Path(out)
     home = Path("runs") / recipe.path.stem
     if not resume:
-        return home / time.strftime("%Y-%m-%d_%H-%M-%S")
-    past = sorted(folder.parent for folder in home.glob("*/checkpoint.pt"))
+        name = time.strftime("%Y-%m-%d_%H-%M-%S")
+        taken = sum(1 for _ in home.glob(f"{name}*"))
+        return home / (f"{name}_{taken + 1}" if taken else name)
+    past = sorted(folder for folder in home.glob("*") if (folder / CHECKPOINT).exists() or _has_begun(folder))
     if not past:
         raise InputError(
             f"{recipe.path}: --resume: Expected a checkpoint under {home}, found none. Leave --resume out."
@@ -51,14 +95,30 @@ def run_folder(recipe: Run, out: Path | None, resume: bool) -> Path:
     return past[-1]
 
 
-def read_checkpoint(recipe: Run, folder: Path, device: torch.device) -> Checkpoint:
+def _has_begun(folder: Path) -> bool:
+    """Whether a search was begun here that was stopped before its first checkpoint."""
+    if any((folder / name).exists() for name in PRODUCTS["run"]):
+        return False
+    try:
+        return bool(json.loads((folder / "versions.json").read_text())["verb"] == "run")
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def read_checkpoint(recipe: Run, folder: Path, device: torch.device) -> Checkpoint | None:
     """The checkpoint of an interrupted run, which this config must be able to go on from on this device.
 
+    Returns:
+        It; None where the run was stopped before it had written one.
+
     Raises:
-        InputError: if there is none, it is broken, or it is that of another search or another kind of device.
+        InputError: if there was no run, the checkpoint is broken, or it is that of another search or another kind of
+            device.
     """
-    path = folder / "checkpoint.pt"
+    path = folder / CHECKPOINT
     if not path.exists():
+        if _has_begun(folder):
+            return None
         raise InputError(f"{recipe.path}: --resume: Expected a checkpoint at {path}, found none. Leave --resume out.")
     try:
         checkpoint: Checkpoint = torch.load(path, weights_only=True, map_location="cpu")

@@ -21,7 +21,7 @@ def main() -> int:
     console = Console()
     try:
         simulate(CONFIGS / "hidden_effect_truth.yaml", FOLDER / "virtual_test.uff", console=console)
-        diagnose(CONFIGS / "hidden_effect.yaml", FOLDER / "diagnosis", console=console)
+        diagnose(CONFIGS / "hidden_effect.yaml", FOLDER / "diagnosis", console=console, force=True)
     except (InputError, MeasurementError) as error:
         print(error, file=sys.stderr)
         return 2

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from torchplate.cli.writing import whole
 from torchplate.measurement import Measurement, Quality, assess, read_measurement
 from torchplate.measurement.quality import summed_amplitude
 
@@ -45,7 +46,8 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
     folder = Path("runs") / "inspect" if out is None else Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"{Path(path).stem}.png"
-    _figure(measurement, quality, Path(path)).savefig(target, dpi=150)
+    with whole(target) as partial:
+        _figure(measurement, quality, Path(path)).savefig(partial, format="png", dpi=150)
     console.print(f"Figure: {target}", highlight=False, soft_wrap=True)
     return target
 

@@ -1,6 +1,7 @@
 """What a run writes while it goes on: TensorBoard, the history table, checkpoints. The only file with tensorboard."""
 
 import csv
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,13 @@ from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
 from torchplate.cli.diagnosis_figures import log_figures, step_tags
+from torchplate.cli.writing import whole, write_bytes
 from torchplate.diagnosis.result import Diagnosis
 from torchplate.search import Progress
 
 _DIAGNOSIS = ".diagnosis"
+# A folder for each of several searches, with the number of its rows in the history.
+REPEAT = "search_"
 HISTORY = ("search", "generation", "n_evaluation", "best_objective", "mean_objective", "spread")
 
 
@@ -33,13 +37,16 @@ class RunLog:
         self.folder, self.names = folder, names
         if keep is None:
             # TensorBoard would draw a run that was in this folder before over the new one.
-            for path in folder.glob("events.out.tfevents.*"):
-                path.unlink()
+            for pattern in ("events.out.tfevents.*", f"{REPEAT}*/events.out.tfevents.*"):
+                for path in folder.glob(pattern):
+                    path.unlink()
         rows = read_history(folder) if keep is not None else []
         self._rows = [row for row in rows if int(row["generation"]) <= (keep or 0)]
         purge = 1 + max((int(row["n_evaluation"]) for row in self._rows), default=-1)
-        self._writer = SummaryWriter(str(folder), purge_step=purge if keep is not None else None)
-        with self._history.open("w", newline="") as file:
+        self._purge = purge if keep is not None else None
+        self._writer = SummaryWriter(str(folder), purge_step=self._purge)
+        self._repeats: list[SummaryWriter] = []
+        with whole(self._history) as partial, partial.open("w", newline="") as file:
             writer = csv.DictWriter(file, [*HISTORY, *names])
             writer.writeheader()
             writer.writerows(self._rows)
@@ -69,10 +76,26 @@ class RunLog:
         for tag, column in zip(HISTORY[3:], columns[1:], strict=True):
             self._writer.add_scalar(f"search/{tag}", float(column[best]), step)
         self._writer.add_scalar("search/generation", progress.generation, step)
+        self._curves(progress)
         for name, value in zip(self.names, theta[best].tolist(), strict=True):
             self._writer.add_scalar(f"parameter/{name}", value, step)
         if progress.snapshot:
-            save_atomically(progress.checkpoint(), self.folder / "checkpoint.pt")
+            save_checkpoint(progress.checkpoint(), self.folder / "checkpoint.pt")
+
+    def _curves(self, progress: Progress) -> None:
+        """Where several searches run at once, a curve for each: TensorBoard lays runs of one tag over each other."""
+        n_search = len(progress.best_objective)
+        if n_search == 1:
+            return
+        if not self._repeats:
+            self._repeats = [
+                SummaryWriter(str(self.folder / f"{REPEAT}{search}"), purge_step=self._purge)
+                for search in range(n_search)
+            ]
+        columns = (progress.best_objective, progress.mean_objective, progress.spread)
+        for search, writer in enumerate(self._repeats):
+            for tag, column in zip(HISTORY[3:], columns, strict=True):
+                writer.add_scalar(f"search/{tag}", float(column[search]), int(progress.n_evaluation[search]))
 
     def scalar(self, tag: str, value: float, step: int) -> None:
         """One more scalar."""
@@ -82,18 +105,31 @@ class RunLog:
         """One figure, as an image."""
         self._writer.add_figure(tag, figure, step, close=False)
 
-    def settings(self, settings: Mapping[str, Any], results: Mapping[str, float]) -> None:
-        """Settings and results for the HParams page, in this folder (`add_hparams` would open one more)."""
-        plain = {key: value if isinstance(value, bool | int | float) else str(value) for key, value in settings.items()}
+    def settings(
+        self, settings: Mapping[str, Any], results: Mapping[str, float], superset: Mapping[str, Any] | None = None
+    ) -> None:
+        """Settings and results for the HParams page, in this folder (`add_hparams` would open one more).
+
+        TensorBoard takes its columns from whichever run it meets first: so each names those of all searches, and fills
+        in its own.
+        """
         writer = self._writer._get_file_writer()
-        for summary in hparams(plain, dict(results)):
+        columns, _, _ = hparams(_plain(dict(superset or {}) | dict(settings)), dict(results))
+        _, begun, ended = hparams(_plain(settings), dict(results))
+        for summary in (columns, begun, ended):
             writer.add_summary(summary)
         for tag, value in results.items():
             self._writer.add_scalar(tag, value, 0)
 
     def close(self) -> None:
         """Flush and close."""
-        self._writer.close()
+        for writer in (self._writer, *self._repeats):
+            writer.close()
+
+
+def _plain(settings: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
+    """What TensorBoard takes for a setting."""
+    return {key: value if isinstance(value, bool | int | float) else str(value) for key, value in settings.items()}
 
 
 def log_diagnosis(folder: Path, diagnosis: Diagnosis) -> None:
@@ -128,8 +164,8 @@ def read_history(folder: Path) -> list[dict[str, str]]:
         return [row for row in csv.DictReader(file) if None not in row.values()]
 
 
-def save_atomically(content: Mapping[str, Tensor], path: Path) -> None:
+def save_checkpoint(content: Mapping[str, Tensor], path: Path) -> None:
     """Write a checkpoint so that an interruption leaves the old one whole."""
-    partial = path.with_suffix(".partial")
-    torch.save(dict(content), partial)
-    partial.replace(path)
+    packed = io.BytesIO()
+    torch.save(dict(content), packed)
+    write_bytes(path, packed.getvalue())

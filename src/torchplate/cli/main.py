@@ -1,6 +1,7 @@
 """The command line. Exit status 0: done; 2: the user's input cannot be used; 1: a defect of ours."""
 
 import argparse
+import errno
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -21,6 +22,20 @@ from torchplate.cli.simulate import simulate
 from torchplate.effects import CATALOGUE, options
 from torchplate.measurement import MeasurementError
 
+# What the machine may refuse, and what the user can do about it.
+OUTSIDE = {
+    errno.EACCES: "Change its rights, or name another place",
+    errno.EPERM: "Change its rights, or name another place",
+    errno.EROFS: "Name a place that can be written to",
+    errno.ENOSPC: "Make room on that disk, or name another place; a search goes on with --resume",
+    errno.EDQUOT: "Make room on that disk, or name another place; a search goes on with --resume",
+    errno.EIO: "Look after that disk, or name another place; a search goes on with --resume",
+    errno.EISDIR: "Name a file",
+    errno.ENOTDIR: "Correct the path",
+    errno.ENAMETOOLONG: "Shorten the path",
+    errno.ELOOP: "Correct the links on the path",
+}
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status."""
@@ -29,6 +44,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parsed.verb(parsed)
     except (InputError, MeasurementError) as error:
         print(error, file=sys.stderr)
+        return 2
+    except OSError as error:
+        if error.errno not in OUTSIDE or error.filename is None:
+            raise
+        what = f"{error.filename}: Expected a place that can be read and written, got '{error.strerror}'."
+        print(f"{what} {OUTSIDE[error.errno]}.", file=sys.stderr)
         return 2
     except Ended as error:
         print(error, file=sys.stderr)
@@ -55,6 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     verb.add_argument(
         "--resume", action="store_true", help="go on from the checkpoint in --out, or in the latest folder"
     )
+    verb.add_argument("--force", action="store_true", help="write over what an earlier run has left in --out")
     verb.set_defaults(verb=_run)
 
     verb = verbs.add_parser("simulate", help="a virtual hammer test of a config's model, as an analyser would make it")
@@ -69,6 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     verb.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a value of the config")
     verb.add_argument("--device", default="cpu", help="where the tensors live (default: cpu)")
     verb.add_argument("--resume", action="store_true", help="leave it at what --out holds if that has ended")
+    verb.add_argument("--force", action="store_true", help="write over what an earlier diagnosis has left in --out")
     verb.set_defaults(verb=_diagnose)
 
     verb = verbs.add_parser("compare", help="lay finished runs over each other")
@@ -97,7 +120,7 @@ def _run(parsed: argparse.Namespace) -> None:
     """Alone, or as one of the processes that torchrun has started."""
     with join(parsed.device) as ranks:
         if ranks is None or ranks.rank == 0:
-            run(parsed.config, parsed.out, parsed.set, parsed.device, parsed.resume, ranks=ranks)
+            run(parsed.config, parsed.out, parsed.set, parsed.device, parsed.resume, ranks=ranks, force=parsed.force)
         else:
             follow(ranks)
 
@@ -107,7 +130,7 @@ def _diagnose(parsed: argparse.Namespace) -> None:
     if parsed.resume and parsed.out is not None and (parsed.out / "diagnosis.json").exists():
         print(f"{parsed.out} holds a diagnosis that has ended. Leave --resume out to repeat it.")
         return
-    diagnose(parsed.config, parsed.out, parsed.set, parsed.device)
+    diagnose(parsed.config, parsed.out, parsed.set, parsed.device, force=parsed.force)
 
 
 def effects(console: Console) -> None:

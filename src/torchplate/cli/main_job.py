@@ -29,7 +29,8 @@ def main() -> int:
             folders = []
             for search, overrides in SEARCHES.items():
                 console.rule(f"{name}: {search}")
-                folders.append(run(CONFIGS / f"{name}.yaml", RUNS / name / search, overrides, console=console).folder)
+                config, out = CONFIGS / f"{name}.yaml", RUNS / name / search
+                folders.append(run(config, out, overrides, console=console, force=True).folder)
             console.rule(f"{name}: side by side")
             compare(folders, console=console)
     except (InputError, MeasurementError) as error:

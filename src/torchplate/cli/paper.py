@@ -147,7 +147,7 @@ def _twice(console: Console, name: str, config: str, overrides: Sequence[str], n
     for search, setting in SEARCHES.items():
         console.rule(f"{name}: {search}, {n_seed} seeds")
         chosen = [*overrides, setting.format(n=n_seed), "log.n_figure=0"]
-        folders.append(run(CONFIGS / config, OUT / name / search, chosen, console=console).folder)
+        folders.append(run(CONFIGS / config, OUT / name / search, chosen, console=console, force=True).folder)
     return compare(folders, console=console)
 
 

@@ -12,15 +12,16 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import timedelta
+from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 import torch.distributed as dist
 from torch.distributed.rendezvous import rendezvous
 
 from torchplate.cli.config import InputError
-from torchplate.cli.population import Job
+from torchplate.identification import Job
 from torchplate.measurement import MeasurementError
 from torchplate.search import ShardingError
 
@@ -40,6 +41,20 @@ class _Terminated(BaseException):
     """SIGTERM came: not an Exception, so that nothing on the way takes it for a failed evaluation."""
 
 
+class Shared(NamedTuple):
+    """What rank 0 tells the others.
+
+    Attributes:
+        job: the search.
+        folder: where rank 0 writes its checkpoints.
+        command: what the user types to go on from there.
+    """
+
+    job: Job
+    folder: Path
+    command: str
+
+
 class Ranks:
     """The processes of one run, seen from one of them.
 
@@ -48,7 +63,7 @@ class Ranks:
         size: how many there are.
         device: where this one's tensors live.
         group: what the search gathers over.
-        job: what rank 0 has told, once it has.
+        shared: what rank 0 has told, once it has.
     """
 
     def __init__(self, device: str, timeout: timedelta) -> None:
@@ -61,13 +76,13 @@ class Ranks:
             os.environ.setdefault("TORCH_NCCL_BLOCKING_WAIT", "1")
         dist.init_process_group("gloo", store=self._store, rank=self.rank, world_size=self.size, timeout=PREPARATION)
         self.group = dist.new_group(backend="nccl" if on_gpu else "gloo", timeout=timeout)
-        self.job: Job | None = None
+        self.shared: Shared | None = None
 
-    def tell(self, job: Job) -> None:
+    def tell(self, shared: "Shared") -> None:
         """Rank 0: here is the job; all go on to `job.search`."""
-        self.job = job
+        self.shared = shared
         packed = io.BytesIO()
-        torch.save(job, packed)
+        torch.save(shared, packed)
         dist.broadcast_object_list([packed.getvalue()])
 
     def dismiss(self, status: int) -> None:
@@ -89,9 +104,9 @@ class Ranks:
             dist.barrier()
             raise SystemExit(told[0])
         # Written by rank 0 of this very run, so it may hold more than tensors.
-        job: Job = torch.load(io.BytesIO(told[0]), map_location=self.device, weights_only=False)
-        self.job = job
-        return job
+        shared: Shared = torch.load(io.BytesIO(told[0]), map_location=self.device, weights_only=False)
+        self.shared = shared
+        return shared.job
 
     def first_to_say(self) -> bool:
         """Whether no other rank has said yet what happened."""
@@ -102,15 +117,15 @@ class Ranks:
 
     def way_on(self) -> str:
         """Where the checkpoint is and how to go on from it."""
-        if self.job is None:
+        if self.shared is None:
             return "The search had not begun: run it again."
-        path = self.job.folder / "checkpoint.pt"
+        path = self.shared.folder / "checkpoint.pt"
         if not path.exists():
-            return f"There is no checkpoint in {self.job.folder} yet: run it again."
+            return f"There is no checkpoint in {self.shared.folder} yet: run it again."
         generation = int(torch.load(path, weights_only=True, map_location="cpu")["generation"])
         return (
             f"This was in generation {generation + 1}; the checkpoint of generation {generation} is {path}. Go on, "
-            f"with any number of processes, by: {self.job.command}"
+            f"with any number of processes, by: {self.shared.command}"
         )
 
 
@@ -148,10 +163,10 @@ def join(device: str = "cpu", timeout: timedelta = TIMEOUT) -> Iterator[Ranks | 
             raise SystemExit(status) from None
         raise
     except BaseException as error:
-        status = 2 if isinstance(error, InputError | MeasurementError) else 1
+        status = 2 if isinstance(error, InputError | MeasurementError | OSError) else 1
         raise
     finally:
-        if ranks.rank == 0 and ranks.job is None:
+        if ranks.rank == 0 and ranks.shared is None:
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
             # If one of them is gone already, there is no more to say to the others.
             with suppress(RuntimeError):

@@ -213,7 +213,7 @@ def examine(
     if file is not None and not recipe.has_file:
         console.print(f"left out: the measurement is no part of the project, and none is at {path.parent / file}")
         return None
-    diagnosis = diagnose(path, out / case.name, overrides, report=report, console=console)
+    diagnosis = diagnose(path, out / case.name, overrides, report=report, console=console, force=True)
     return Found(case, diagnosis, _nearest(case, diagnosis))
 
 

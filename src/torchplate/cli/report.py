@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import torch
 from matplotlib.figure import Figure
@@ -10,8 +9,9 @@ from torch import Tensor
 
 from torchplate.cli.build import Run
 from torchplate.cli.figures import NOMINAL, UPDATED, Curve, frf_overlay, natural_frequencies, save
-from torchplate.cli.result import CORRELATED, correlated, nominal
+from torchplate.cli.writing import write_text
 from torchplate.discrepancy import Objective
+from torchplate.identification import CORRELATED, Result, nominal
 
 
 @torch.no_grad()
@@ -61,40 +61,41 @@ def _overlay(objective: Objective, theta: Tensor, pairs: Sequence[tuple[int, int
 def write_report(
     recipe: Run,
     objective: Objective,
-    theta: Tensor,
-    result: Mapping[str, Any],
-    warnings: Sequence[str],
+    result: Result,
     drawn: Mapping[str, Figure],
     folder: Path,
 ) -> None:
     """Write `report.md` and its figures."""
+    assert result.objective is not None
+    assert result.gap is not None
     lines = [f"# {recipe.path.stem}", ""]
-    lines += [f"- **Note**: {warning}" for warning in warnings] + ([""] if warnings else [])
+    lines += [f"- **Note**: {warning}" for warning in result.caveats] + ([""] if result.caveats else [])
     lines += [
-        f"Objective `{result['objective_kind']}`: **{result['objective']:.6g}**, gap {100 * result['gap']:.3g} %.",
-        f"{result['optimizer']}, seed {result['seed']}, {result['n_evaluation']} evaluations in "
-        f"{result['n_generation']} generations. {result['status']}",
+        f"Objective `{result.objective_kind}`: **{result.objective:.6g}**, gap {100 * result.gap:.3g} %. {result.fit}",
+        "",
+        f"{result.optimizer}, seed {result.seed}, {result.n_evaluation} evaluations in {result.n_generation} "
+        f"generations. {result.status}",
         "",
     ]
-    if "gain" in result:
-        lines += [f"Level of the measurement, fitted: {result['gain']:.6g} (reading over SI unit).", ""]
-    if result["parameters"]:
+    if result.gain is not None:
+        lines += [f"Level of the measurement, fitted: {result.gain:.6g} (reading over SI unit).", ""]
+    if result.parameters:
         lines += ["| parameter | value | standard error | unit | interval | |", "|---|---|---|---|---|---|"]
         space = objective.model.space
-        for index, (name, entry) in enumerate(result["parameters"].items()):
-            std = "not seen" if entry["std"] is None else f"{entry['std']:.2g}"
-            edge = "on its bound" if entry["at_bound"] else ""
+        for index, (name, found) in enumerate(result.parameters.items()):
+            std = "not seen" if found.std is None else f"{found.std:.2g}"
+            edge = "on its bound" if found.at_bound else ""
             interval = f"{float(space.low[index]):g} to {float(space.high[index]):g}"
-            lines.append(f"| {name} | {entry['value']:.6g} | {std} | {entry['unit']} | {interval} | {edge} |")
+            lines.append(f"| {name} | {found.value:.6g} | {std} | {found.unit} | {interval} | {edge} |")
         lines.append("")
     lines += _correlated(result)
     if (table := objective.evidence.natural_frequencies) is not None:
         lines += ["| mode | measured [Hz] | model [Hz] | difference |", "|---|---|---|---|"]
-        found = objective.natural_frequencies(theta).tolist()
-        for mode, measured, hertz in zip(table.mode.tolist(), table.frequency.tolist(), found, strict=True):
+        hertzs = objective.natural_frequencies(result.theta).tolist()
+        for mode, measured, hertz in zip(table.mode.tolist(), table.frequency.tolist(), hertzs, strict=True):
             lines.append(f"| {mode} | {measured:g} | {hertz:.2f} | {100 * (hertz / measured - 1):+.2f} % |")
         lines.append("")
-    listed = ", ".join(f"{hertz:.2f}" for hertz in result["natural_frequencies_hz"])
+    listed = ", ".join(f"{hertz:.2f}" for hertz in result.natural_frequencies_hz)
     lines += [f"Natural frequencies [Hz], undamped, rigid-body modes first: {listed}.", ""]
     if objective.evidence.measurement is not None:
         lines += ["![FRFs: measured, nominal, updated, and what is left](frf.png)", ""]
@@ -103,14 +104,14 @@ def write_report(
     if "convergence" in drawn:
         lines += ["![convergence](convergence.png)", ""]
     lines += ["## Where the channels sit", "", *_channels(recipe, objective)] if objective.evidence.measurement else []
-    (folder / "report.md").write_text("\n".join(lines).rstrip() + "\n")
+    write_text(folder / "report.md", "\n".join(lines).rstrip() + "\n")
     for name, figure in drawn.items():
         save(figure, folder / f"{name}.png")
 
 
-def _correlated(result: Mapping[str, Any]) -> list[str]:
+def _correlated(result: Result) -> list[str]:
     """The pairs of parameters that the data can hardly tell apart, and what that means."""
-    pairs = correlated(result)
+    pairs = result.correlated()
     if not pairs:
         return []
     lines = [

@@ -4,33 +4,32 @@ import json
 import shlex
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
-from torch import Tensor
 
-from torchplate.cli.basis import TOLERANCE, confirmed, estimated, in_reduced_basis, wanted
-from torchplate.cli.build import Run, load_run
+from torchplate.cli.build import SEARCHES, Run, load_run
 from torchplate.cli.compare import histories
 from torchplate.cli.config import InputError
 from torchplate.cli.figures import convergence
-from torchplate.cli.folder import open_folder, read_checkpoint, run_folder
+from torchplate.cli.folder import check_free, open_folder, read_checkpoint, run_folder
+from torchplate.cli.heartbeat import Heartbeat
 from torchplate.cli.log import RunLog
-from torchplate.cli.population import Job, polished
-from torchplate.cli.ranks import Ranks
+from torchplate.cli.memory import without_basis
+from torchplate.cli.occupied import occupied
+from torchplate.cli.ranks import Ranks, Shared
 from torchplate.cli.report import figures, frf_figures, write_report
-from torchplate.cli.result import caveats, evaluated, summarise
-from torchplate.discrepancy import Objective, sensitivity
-from torchplate.model import DENSE, PlateModel, SparseModel, basis_error
-from torchplate.search import LeastSquares, Outcome
+from torchplate.cli.writing import write_text
+from torchplate.discrepancy import Objective
+from torchplate.identification import Identified, Job, Result, Settings, evaluated, identified
+from torchplate.model import PlateModel
+from torchplate.search import Checkpoint, LeastSquares, Optimizer, Outcome
 from torchplate.search import Progress as SearchProgress
-
-N_FREQUENCY_LISTED = 20
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,7 @@ def run(
     resume: bool = False,
     console: Console | None = None,
     ranks: Ranks | None = None,
+    force: bool = False,
 ) -> Found:
     """Search the intervals of a config, or evaluate the model where it has none, and write the run's folder.
 
@@ -69,58 +69,101 @@ def run(
         resume: go on from the checkpoint in `out`, or in the config's latest folder under runs/.
         console: where progress goes.
         ranks: the processes that share the search, of which this is the first; the others call `follow`.
+        force: write over what an earlier run has left in `out`.
 
     Raises:
-        InputError: if the config, the measurement or the device cannot be used, or there is nothing to resume.
+        InputError: if the config, the measurement, the device or the folder cannot be used, or there is nothing to
+            resume.
     """
     console = console or Console()
     recipe = load_run(path, overrides)
+    optimizer = recipe.optimizer()  # so that a wrong setting is said before anything is written
+    folder = run_folder(recipe, out, resume)
+    check_free(folder, "run", force=force, resume=resume)
     model = recipe.model().to(device_named(device if ranks is None else ranks.device))
     measured = recipe.config.measurement
     alone = not model.names and measured.file is None and measured.natural_frequencies is None
     objective = None if alone else recipe.objective(model)
-    optimizer = recipe.optimizer()  # so that a wrong setting is said before anything is written
     if ranks is not None and isinstance(optimizer, LeastSquares):
         raise recipe.error(
             "search.optimizer",
             "Expected a population search for processes to share, got least_squares. Run it without torchrun.",
         )
-    folder = run_folder(recipe, out, resume)
     checkpoint = read_checkpoint(recipe, folder, model.known.device) if resume else None
-    open_folder(recipe, folder, device)
-    remarks = recipe.remarks(model)
-    for remark in remarks:
-        console.print(f"  Note: {remark}", markup=False, highlight=False, soft_wrap=True)
-    if objective is None:
-        return replace(_evaluated(recipe, model, folder, console), remarks=remarks)
-    console.print(f"[bold]{recipe.path.stem}[/]: {_described(objective)}")
-    searched = in_reduced_basis(recipe, objective, console)
-    if not model.names:
-        found = _finished(recipe, objective, searched, folder, model.known.new_zeros(1, 0), None, console)
-        return replace(found, remarks=remarks)
-    log = RunLog(folder, model.names, None if checkpoint is None else int(checkpoint["generation"]))
-    try:
+    with occupied(folder):
+        open_folder(recipe, folder, device, "run", force=force, resume=resume)
+        remarks = recipe.remarks(model)
+        for note in remarks:
+            console.print(f"  Note: {note}", markup=False, highlight=False, soft_wrap=True)
+        if objective is None:
+            return replace(_evaluated(recipe, model, folder, console), remarks=remarks)
+        console.print(f"[bold]{recipe.path.stem}[/]: {_described(objective)}")
+        if resume and checkpoint is None:
+            console.print(f"  No generation was finished in {folder}: the search begins anew.", soft_wrap=True)
         command = _command(path, folder, overrides, device)
-        job = Job(searched, optimizer, recipe.config.search, checkpoint, folder, command)
-        outcome = _search(recipe, job, log, console, ranks)
-        if recipe.config.search.polish and not isinstance(job.optimizer, LeastSquares):
-            outcome = polished(searched, outcome, console)
-        if searched is not objective:
-            searched, outcome = confirmed(objective, searched, outcome, console)
-        order = outcome.best_objective.argsort()
-        theta = model.space.to_si(outcome.best_position[order])
-        found = _finished(recipe, objective, searched, folder, theta, outcome, console)
-        step = int(outcome.n_evaluation.max())
-        n_figure, n_panel = recipe.config.log.n_figure, recipe.config.log.n_panel
-        for tag, figure in frf_figures(searched, theta[0], n_panel).items() if n_figure else ():
-            log.figure(tag, figure, step)
-        log.scalar("gap/baseline", found.result["gap"], step)
-        settings = {"optimizer": recipe.config.search.optimizer, "seed": recipe.config.search.seed}
-        results = {"hparam/objective": found.result["objective"], "hparam/gap": found.result["gap"]}
-        log.settings(settings | (recipe.config.search.model_extra or {}), results)
+        found = _identified(recipe, objective, optimizer, checkpoint, Place(folder, command, console, ranks))
+        return replace(found, remarks=remarks)
+
+
+class Place(NamedTuple):
+    """Where a run writes and speaks.
+
+    Attributes:
+        folder: the run's.
+        command: what goes on with this run.
+        console: where progress goes.
+        ranks: the processes that share the search, if any.
+    """
+
+    folder: Path
+    command: str
+    console: Console
+    ranks: Ranks | None
+
+
+def _identified(
+    recipe: Run,
+    objective: Objective,
+    optimizer: Optimizer[Any] | LeastSquares,
+    checkpoint: Checkpoint | None,
+    place: Place,
+) -> Found:
+    """Search, and write and log what was found."""
+    folder, command, console, ranks = place
+    names = objective.model.names
+    log: RunLog | None = None
+
+    def search(job: Job) -> Outcome:
+        nonlocal log
+        log = RunLog(folder, names, None if checkpoint is None else int(checkpoint["generation"]))
+        return _search(recipe, Shared(job, folder, command), log, console, ranks)
+
+    def check(searched: Objective) -> None:
+        if (told := without_basis(searched.model.assembly.size)) is not None:
+            raise recipe.error("mesh", told)
+
+    try:
+        end = identified(
+            objective,
+            optimizer,
+            settings_of(recipe),
+            search,
+            resume=checkpoint,
+            say=lambda text: console.print(f"  {text}"),
+            prepared=check,
+        )
+        found = _written(recipe, end, folder, console)
+        if log is not None and end.outcome is not None:
+            _logged(recipe, log, end, int(end.outcome.n_evaluation.max()))
     finally:
-        log.close()
-    return replace(found, remarks=remarks)
+        if log is not None:
+            log.close()
+    return found
+
+
+def settings_of(recipe: Run) -> Settings:
+    """The part of a config's search that is not the optimiser's own."""
+    return Settings(**{field.name: getattr(recipe.config.search, field.name) for field in fields(Settings)})
 
 
 def follow(ranks: Ranks) -> None:
@@ -138,13 +181,14 @@ def _command(path: Path | str, folder: Path, overrides: Sequence[str], device: s
     return shlex.join([*words, "--resume"])
 
 
-def _search(recipe: Run, job: Job, log: RunLog, console: Console, ranks: Ranks | None) -> Outcome:
+def _search(recipe: Run, shared: Shared, log: RunLog, console: Console, ranks: Ranks | None) -> Outcome:
     """The search, with its progress on the screen and in the log."""
-    settings, searched, checkpoint = recipe.config.search, job.objective, job.checkpoint
+    settings, job = recipe.config.search, shared.job
+    searched, checkpoint = job.objective, job.checkpoint
     model = searched.model
     if ranks is not None:
         console.print(f"  {ranks.size} processes share each generation")
-        ranks.tell(job)
+        ranks.tell(shared)
     columns = (
         TextColumn("  {task.description}"),
         BarColumn(),
@@ -154,7 +198,8 @@ def _search(recipe: Run, job: Job, log: RunLog, console: Console, ranks: Ranks |
     )
     n_figure, n_panel = recipe.config.log.n_figure, recipe.config.log.n_panel
     drawn_at = {settings.n_generation * turn // n_figure for turn in range(1, n_figure)}
-    with Progress(*columns, console=console, transient=not console.is_terminal) as bar:
+    bar = Progress(*columns, console=console, disable=not console.is_terminal)
+    with bar, Heartbeat(console, settings.n_generation) as line:
         task = bar.add_task(settings.optimizer, total=settings.n_generation, best=float("inf"), rate=0.0)
         began, before = time.monotonic(), 0 if checkpoint is None else int(checkpoint["ledger.n_evaluation"].sum())
 
@@ -164,6 +209,7 @@ def _search(recipe: Run, job: Job, log: RunLog, console: Console, ranks: Ranks |
             rate = (int(progress.n_evaluation.sum()) - before) / max(time.monotonic() - began, 1e-9)
             best = int(progress.best_objective.argmin())
             bar.update(task, completed=progress.generation, best=float(progress.best_objective[best]), rate=rate)
+            line.beat(progress.generation, float(progress.best_objective[best]), rate)
             if progress.generation in drawn_at:
                 for tag, figure in frf_figures(searched, theta[best], n_panel).items():
                     log.figure(tag, figure, int(progress.n_evaluation[best]))
@@ -171,59 +217,51 @@ def _search(recipe: Run, job: Job, log: RunLog, console: Console, ranks: Ranks |
         return job.search(report, None if ranks is None else ranks.group)
 
 
-@torch.no_grad()
-def _finished(
-    recipe: Run,
-    objective: Objective,
-    searched: Objective,
-    folder: Path,
-    theta: Tensor,
-    outcome: Outcome | None,
-    console: Console,
-) -> Found:
-    """Confirm the best on the full model, then write the result, the report and its figures."""
-    best = theta[0]
-    by_squares = recipe.config.search.optimizer == LeastSquares.name
-    seen = sensitivity(searched, best, least_squares=by_squares) if objective.model.names else None
-    sentences = [] if seen is None else caveats(searched, best, seen)
-    listed = _lowest(objective.model, best)
-    result = summarise(searched, theta, searched(theta), seen, outcome, recipe.config.search, listed)
-    if searched is not objective:
-        result["basis_error"] = basis_error(objective.model, searched.model, best[None], *wanted(objective))
-        result["basis_error_of_population"] = estimated(objective, searched, outcome)
-        if result["basis_error"] > TOLERANCE:
-            sentences.append(
-                f"On the full model the best member differs by {result['basis_error']:.1e} from what the reduced basis "
-                "says. Run again with --set search.basis=full."
-            )
-    (folder / "result.json").write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
-    drawn = figures(searched, best, recipe.config.log.n_panel)
-    if outcome is not None:
+def _written(recipe: Run, end: Identified, folder: Path, console: Console) -> Found:
+    """Write the result, the report and its figures, and print them."""
+    result = content(recipe, end.result)
+    write_text(folder / "result.json", json.dumps(result, indent=1, allow_nan=False) + "\n")
+    drawn = figures(end.searched, end.result.theta, recipe.config.log.n_panel)
+    if end.outcome is not None:
         drawn["convergence"] = convergence(histories([folder]), result["objective_kind"])
-    write_report(recipe, searched, best, result, sentences, drawn, folder)
-    _say(console, folder, result, sentences)
-    return Found(folder, result, sentences)
+    write_report(recipe, end.searched, end.result, drawn, folder)
+    _say(console, folder, result, end.result.caveats)
+    return Found(folder, result, end.result.caveats)
 
 
-@torch.no_grad()
+def _logged(recipe: Run, log: RunLog, end: Identified, step: int) -> None:
+    """The last figures, the gap, and the settings beside what they led to."""
+    result, settings = end.result, recipe.config.search
+    n_figure, n_panel = recipe.config.log.n_figure, recipe.config.log.n_panel
+    for tag, figure in frf_figures(end.searched, result.theta, n_panel).items() if n_figure else ():
+        log.figure(tag, figure, step)
+    assert result.gap is not None
+    assert result.objective is not None
+    log.scalar("gap/baseline", result.gap, step)
+    own = {"optimizer": settings.optimizer, "seed": settings.seed} | vars(recipe.optimizer())
+    log.settings(own, {"hparam/objective": result.objective, "hparam/gap": result.gap}, all_settings())
+
+
 def _evaluated(recipe: Run, model: PlateModel, folder: Path, console: Console) -> Found:
     """A config of numbers alone, without a measurement: the model's natural frequencies."""
-    listed = _lowest(model, model.known.new_zeros(0))
-    result = evaluated(recipe.config.search, listed)
-    (folder / "result.json").write_text(json.dumps(result, indent=1) + "\n")
-    text = (
-        f"Natural frequencies [Hz], undamped, rigid-body modes first: {', '.join(f'{hertz:.2f}' for hertz in listed)}."
-    )
-    (folder / "report.md").write_text(f"# {recipe.path.stem}\n\n{text}\n")
+    found = evaluated(model, model.known.new_zeros(0), recipe.optimizer(), settings_of(recipe))
+    result = content(recipe, found)
+    write_text(folder / "result.json", json.dumps(result, indent=1) + "\n")
+    listed = ", ".join(f"{hertz:.2f}" for hertz in found.natural_frequencies_hz)
+    text = f"Natural frequencies [Hz], undamped, rigid-body modes first: {listed}."
+    write_text(folder / "report.md", f"# {recipe.path.stem}\n\n{text}\n")
     console.print(f"[bold]{recipe.path.stem}[/]: {text}\n  Results: {folder}", soft_wrap=True)
     return Found(folder, result, [])
 
 
-def _lowest(model: PlateModel, theta: Tensor) -> list[float]:
-    """The lowest natural frequencies of the full model [Hz]."""
-    modes = SparseModel(model, theta).modes(N_FREQUENCY_LISTED, dense=model.assembly.size <= DENSE)
-    listed: list[float] = modes.frequency[:N_FREQUENCY_LISTED].tolist()
-    return listed
+def all_settings() -> dict[str, Any]:
+    """Every setting that some search has, at its default."""
+    return {name: value for kind in SEARCHES.values() for name, value in vars(kind()).items()}
+
+
+def content(recipe: Run, result: Result) -> dict[str, Any]:
+    """`result.json`, with the search as the config has it."""
+    return result.to_dict() | {"search": recipe.config.search.model_dump(mode="json")}
 
 
 def _say(console: Console, folder: Path, result: dict[str, Any], sentences: Sequence[str]) -> None:
@@ -235,9 +273,8 @@ def _say(console: Console, folder: Path, result: dict[str, Any], sentences: Sequ
                 name, f"{entry['value']:.6g}", std, entry["unit"], "on its bound" if entry["at_bound"] else ""
             )
         console.print(table)
-    console.print(
-        f"  {result['objective_kind']} {result['objective']:.6g}, gap {100 * result['gap']:.3g} %. {result['status']}"
-    )
+    console.print(f"  {result['objective_kind']} {result['objective']:.6g}. {result['fit']}")
+    console.print(f"  {result['optimizer']}: {result['status']}" if result["parameters"] else f"  {result['status']}")
     for sentence in sentences:
         console.print(f"  [yellow]Note:[/] {sentence}")
     console.print(f"  Results: {folder}", soft_wrap=True)

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.config import InputError
+from torchplate.cli.writing import whole
 from torchplate.measurement import ANALYSERS, Analyser, Hammer, Measurement, hammer_test, write_uff
 from torchplate.model import PlateModel, extrapolate, reduce
 from torchplate.search.optimizer import unknown_name
@@ -69,10 +70,11 @@ def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console
         ),
     )
     out.parent.mkdir(parents=True, exist_ok=True)
-    if out.suffix == ".npz":
-        measurement.to_npz(out)
-    else:
-        write_uff(measurement, out)
+    with whole(out) as partial:
+        if out.suffix == ".npz":
+            measurement.to_npz(partial)
+        else:
+            write_uff(measurement, partial)
     cells = " × ".join(str(number) for number in model.mesh.cells)
     console.print(f"{len(measurement.pairs)} FRFs ({measurement.kind}) of a {cells} mesh: {out}", soft_wrap=True)
     return measurement

@@ -193,6 +193,30 @@ class Measurement:
             coherence=coherence,
         )
 
+    def without_zeros(self) -> "Measurement":
+        """Leave out the pairs that are zero at every line, as a dead channel leaves them; a note names them.
+
+        Raises:
+            MeasurementError: Every pair is zero at every line.
+        """
+        alive = (self.frf != 0).any(dim=0)
+        dead = [pair for pair in self.pairs if not bool(alive[pair])]
+        if not dead:
+            return self
+        if len(dead) == len(self.pairs):
+            raise self._error(
+                "an FRF that is not zero at every line",
+                f"zeros alone in {self.pair_label(*dead[0])}{' and all others' if len(dead) > 1 else ''}",
+                "Check the channels and the band, or export the file again",
+            )
+        names = ", ".join(self.pair_label(*pair) for pair in dead[:3]) + (" and so on" if len(dead) > 3 else "")
+        first, last = float(self.frequency[0]), float(self.frequency[-1])
+        note = (
+            f"Left out {len(dead)} of {len(self.pairs)} FRFs that are zero at every line from {first:g} to {last:g} Hz "
+            f"(a dead channel?): {names}."
+        )
+        return replace(self.select(alive), notes=(*self.notes, note))
+
     def to(self, device: torch.device | str) -> "Measurement":
         """Move every tensor to `device`; dtypes stay."""
         return replace(

@@ -106,9 +106,7 @@ def _corrected(
     forces = torch.cat([response, reference]).double().cpu().numpy().T
     moved, weight = own.impedance_parts(laplace)
     times = [part @ basis for part in moved]
-    if own.correction is not None:
-        rows, middle = own.correction
-        times[0] = times[0] + rows.T @ (middle @ (rows @ basis))
+    times[:3] = [part + more for part, more in zip(times[:3], own.lacking(basis), strict=True)]
     small = sum(w[:, None, None] * (basis.T @ part) for part, w in zip(times, weight, strict=True))
     motion = np.linalg.solve(small, np.broadcast_to(basis.T @ forces, (len(laplace), *(basis.T @ forces).shape)))
     left_over = forces - sum(w[:, None, None] * (part @ motion) for part, w in zip(times, weight, strict=True))

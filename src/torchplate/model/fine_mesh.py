@@ -21,6 +21,14 @@ from torchplate.model.plate_model import PlateModel
 DENSE = 1000
 # Shift below zero [rad²/s²]: a free plate's K is singular, K + shift M is not. About 5 Hz.
 SHIFT = 1e3
+# An ordering for symmetric patterns, and no pivots: half the fill of SuperLU's default.
+SYMMETRIC: dict[str, Any] = {
+    "permc_spec": "MMD_AT_PLUS_A",
+    "diag_pivot_thresh": 0.0,
+    "options": {"SymmetricMode": True},
+}
+# What a solve without pivots may leave over, relative to ‖Z‖ ‖x‖: hundreds of times rounding. Else pivots are sought.
+BACKWARD = 1e-13
 # Modes asked for beyond those expected: the count of a single plate scatters about its mean.
 SPARE = 8
 
@@ -44,6 +52,54 @@ class SparseModel:
         if (more := model.assembly.correction) is not None:
             scale = more.scale(self.plan.section.rigidity, self.plan.geometry)
             self.correction = more.rows.cpu().numpy(), (scale * more.stiffness.to(scale)).cpu().numpy()
+        self._terms = self._local_terms()
+
+    def _local_terms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Of the local terms: rows r, as the sparse matrices have them; r S; stiffness, mass and dashpots.
+
+        A corrected row is r + r S R. None where nothing is corrected.
+        """
+        correction, terms = self.model.assembly.correction, self.plan.terms
+        if correction is None or not terms:
+            return None
+        row = torch.cat([term.vector[..., self.model.assembly.free] for term in terms]).double().cpu()
+        none = [torch.zeros(len(term.vector)) for term in terms]
+        parts = [
+            torch.cat([zero if value is None else value.cpu() for zero, value in zip(none, values, strict=True)])
+            for values in zip(*((term.stiffness, term.mass, term.viscous) for term in terms), strict=True)
+        ]
+        shape = row @ correction.shape.double().cpu()
+        return row.numpy(), shape.numpy(), torch.stack(parts).double().numpy()
+
+    def lacking(self, columns: np.ndarray) -> list[np.ndarray | float]:
+        """What the sparse K, M and C lack of a corrected model's, times columns."""
+        if self.correction is None:
+            return [0.0, 0.0, 0.0]
+        rows, middle = self.correction
+        seen = rows @ columns
+        found: list[np.ndarray | float] = [rows.T @ (middle @ seen), 0.0, 0.0]
+        if self._terms is None:
+            return found
+        row, shape, parts = self._terms
+        more = shape @ seen
+        for index, part in enumerate(parts):
+            # (r + rSR)ᵀ c (r + rSR) − rᵀ c r
+            pushed = part[:, None] * (row @ columns + more)
+            found[index] = found[index] + rows.T @ (shape.T @ pushed) + row.T @ (part[:, None] * more)
+        return found
+
+    def _low_rank(self, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """The same as Uᵀ B U, for K, M and C times these; None where nothing is lacking."""
+        if self.correction is None:
+            return None
+        rows, middle = self.correction
+        if self._terms is None:
+            return rows, weight[0] * middle
+        row, shape, parts = self._terms
+        pushed = (weight[:3] @ parts)[:, None] * shape
+        corner = weight[0] * middle + shape.T @ pushed
+        empty = np.zeros((len(row), len(row)))
+        return np.concatenate([rows, row]), np.block([[corner, pushed.T], [pushed, empty]])
 
     def modes(self, n_mode: int, frequency: float = 0.0, dense: bool = False) -> Modes:
         """The lowest modes: at least `n_mode`, all up to `frequency` [Hz], and one beyond.
@@ -118,7 +174,7 @@ class SparseModel:
     ) -> tuple[list[scipy.sparse.csr_array], np.ndarray]:
         """Matrices, and what each is times at every s [n_part, n_frequency], so that their sum is Z(s) [N/m].
 
-        Without the correction, which is κ times RᵀCR more.
+        Without the correction; see `lacking`.
         """
         kappa, mu = self.model.assembly.proportional(self.plan.damping).at(laplace)
         parts, weight = [self.stiffness, self.mass, self.viscous], [kappa, mu, laplace]
@@ -129,29 +185,10 @@ class SparseModel:
     def solve(self, right: np.ndarray) -> np.ndarray:
         """(K + shift M)⁻¹ times columns; the factors are kept."""
         if self._factor is None:
-            # Symmetric and positive definite: no pivoting, and an ordering that fills half as much as that for others.
-            factor = scipy.sparse.linalg.splu(
-                (self.stiffness + SHIFT * self.mass).tocsc(),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-            self._factor = self._with_correction(factor.solve, 1.0)
+            # Positive definite: no pivot is needed.
+            factor = scipy.sparse.linalg.splu((self.stiffness + SHIFT * self.mass).tocsc(), **SYMMETRIC)
+            self._factor = _with_low_rank(factor.solve, self.correction)
         return self._factor(right)
-
-    def _with_correction(self, solve: Callable[[np.ndarray], np.ndarray], factor: complex | float) -> Any:
-        """A solve with A made one with A + factor · Rᵀ C R (Woodbury, 1950); C need not have an inverse."""
-        if self.correction is None:
-            return solve
-        rows, middle = self.correction
-        columns = solve(np.ascontiguousarray(rows.T).astype(type(factor)))
-        small = np.linalg.solve(np.eye(len(rows)) + factor * middle @ (rows @ columns), factor * middle)
-
-        def corrected(right: np.ndarray) -> np.ndarray:
-            moved: np.ndarray = solve(right)
-            return moved - columns @ (small @ (rows @ moved))
-
-        return corrected
 
     def _receptance(self, laplace: Tensor, response: Tensor, reference: Tensor) -> Tensor:
         left, right = (rows.double().cpu().numpy() for rows in (response, reference))
@@ -159,6 +196,38 @@ class SparseModel:
         lines = []
         for line in weight.T:
             impedance = sum(w * part for part, w in zip(parts, line, strict=True))
-            factor = scipy.sparse.linalg.splu(impedance.tocsc())
-            lines.append(left @ self._with_correction(factor.solve, complex(line[0]))(right.T.astype(complex)))
+            solve = _with_low_rank(_solver(impedance.tocsc()), self._low_rank(line))
+            lines.append(left @ solve(right.T.astype(complex)))
         return torch.from_numpy(np.stack(lines)).to(laplace)
+
+
+def _with_low_rank(
+    solve: Callable[[np.ndarray], np.ndarray], more: tuple[np.ndarray, np.ndarray] | None
+) -> Callable[[np.ndarray], np.ndarray]:
+    """A solve with A made one with A + Uᵀ B U (Woodbury, 1950); B need not have an inverse."""
+    if more is None:
+        return solve
+    rows, middle = more
+    columns = solve(np.ascontiguousarray(rows.T).astype(middle.dtype))
+    small = np.linalg.solve(np.eye(len(rows)) + middle @ (rows @ columns), middle)
+
+    def corrected(right: np.ndarray) -> np.ndarray:
+        moved: np.ndarray = solve(right)
+        return moved - columns @ (small @ (rows @ moved))
+
+    return corrected
+
+
+def _solver(matrix: scipy.sparse.csc_array) -> Callable[[np.ndarray], np.ndarray]:
+    """Solves with a complex symmetric matrix: without pivots where what that leaves over is as small as with them."""
+    factor = scipy.sparse.linalg.splu(matrix, **SYMMETRIC)
+    norm = scipy.sparse.linalg.norm(matrix, 1)
+
+    def solve(right: np.ndarray) -> np.ndarray:
+        found: np.ndarray = factor.solve(right)
+        if np.linalg.norm(matrix @ found - right) <= BACKWARD * norm * np.linalg.norm(found):
+            return found
+        again: np.ndarray = scipy.sparse.linalg.splu(matrix).solve(right)
+        return again
+
+    return solve

@@ -104,7 +104,7 @@ def reduce(
             probe = torch.cat([probe, estimated[errors.argmax(), None]])
         if error <= tolerance:
             return reduced, error
-        if turn > 1:
+        if turn > 1 and model.names:
             # Before others are taken in, fainter directions of the same members are, and more of their modes.
             build = torch.cat([build, probe])
     return None

@@ -254,7 +254,7 @@ class Assembly(nn.Module):
         if section.loss_factor is not None:
             hysteretic = self._sparse(self.stiffness_coefficient(section.lossy_rigidity, geometry), self.pattern)
         for term in terms:
-            # Without the correction, which would fill the matrices; it is of the order of the mesh error of a spring.
+            # Without the correction, which would fill the matrices: see `SparseModel.lacking`.
             row = csr_array(term.vector[..., self.free].double().cpu().numpy())
             for name, value in (("mass", term.mass), ("stiffness", term.stiffness), ("viscous", term.viscous)):
                 if value is None:

@@ -12,19 +12,19 @@ class LeastSquaresStatus(Enum):
 
     gradient = (
         "No free parameter lowers the sum of squares to first order. "
-        "Accept the result as a minimum, and start elsewhere too to see whether it is the lowest."
+        "Start elsewhere too to see whether this minimum is the lowest."
     )
     step = (
         "The steps have become shorter than the tolerance. "
-        "Accept the result as a minimum, and start elsewhere too to see whether it is the lowest."
+        "Start elsewhere too to see whether this minimum is the lowest."
     )
     objective = (
         "The sum of squares has nothing left to fall, to within the tolerance. "
-        "Accept the result as a minimum, and start elsewhere too to see whether it is the lowest."
+        "Start elsewhere too to see whether this minimum is the lowest."
     )
     stuck = (
         "No step, however short, lowers the sum of squares. "
-        "Accept the result if its gradient is small; else mend the jacobian, or what makes the residual NaN beside it."
+        "Evaluate the gradient: where it is small this is a minimum; else mend the jacobian, or what makes it NaN."
     )
     budget = (
         "The budget is spent while the sum of squares still falls. "

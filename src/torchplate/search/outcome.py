@@ -13,7 +13,10 @@ Checkpoint = dict[str, Tensor]
 
 
 class Status(Enum):
-    """Why a search stopped; the value is the sentence for the user and ends in what to do."""
+    """Why a search stopped; the value is the sentence for the user and ends in what to do.
+
+    It speaks of the search alone: whether the model fits is for the gap to say.
+    """
 
     budget = (
         "The budget is spent before the search has settled. "
@@ -21,13 +24,13 @@ class Status(Enum):
     )
     tolerance = (
         "The members agree on the objective to within the tolerance. "
-        "Accept the result, and repeat with another seed to see that it is found again."
+        "Repeat with another seed to see that this minimum is found again."
     )
     stagnation = (
         "The best objective has not improved for as many generations as stagnation allows. "
-        "Repeat with another seed or more members; if the value returns, accept it."
+        "Repeat with another seed or more members to see that this minimum is found again."
     )
-    target = "The target is reached. Accept the result, or lower the target to go on."
+    target = "The target is reached. Lower it to go on."
     no_number = (
         "The objective has given no finite number anywhere. "
         "Evaluate it by hand at the middle of the unit cube and mend what makes it NaN or infinite."

@@ -1,15 +1,12 @@
-"""The search of a run: one job, the same on every process that shares it, and its finish by least squares."""
+"""The search as one job, the same on every process that shares it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 import torch.distributed as dist
-from rich.console import Console
 
-from torchplate.cli.config import SearchConfig
 from torchplate.discrepancy import Objective
 from torchplate.search import (
     Checkpoint,
@@ -18,10 +15,38 @@ from torchplate.search import (
     Outcome,
     Progress,
     ShardedObjective,
-    least_squares,
     least_squares_from_many_starts,
     minimize,
 )
+
+
+@dataclass(frozen=True)
+class Settings:
+    """When a search ends, how often it is repeated, and what it is done in; the optimiser has its own.
+
+    Args:
+        n_generation: generations at most.
+        n_evaluation: evaluations at most for each search, the first population included.
+        tolerance: a search stops when its members agree on the objective to this part of it; None never does.
+        stagnation: a search stops after as many generations without improvement; None never does.
+        target: a search stops at or below this value of the objective.
+        seed: of all randomness.
+        n_repeat: independent searches; the best of them is the result.
+        polish: finish a population search by least squares.
+        basis: "auto" searches in a reduced basis where one is good enough, "full" in all dofs.
+        precision: "single" puts the FRFs of a search together in single precision; what was found is in double.
+    """
+
+    n_generation: int = 100
+    n_evaluation: int | None = None
+    tolerance: float | None = 1e-8
+    stagnation: int | None = None
+    target: float | None = None
+    seed: int = 0
+    n_repeat: int = 1
+    polish: bool = False
+    basis: Literal["auto", "full"] = "auto"
+    precision: Literal["double", "single"] = "double"
 
 
 @dataclass(frozen=True)
@@ -33,16 +58,12 @@ class Job:
         optimizer: how.
         settings: its budget, seed and number of repeats.
         checkpoint: what it goes on from, if anything.
-        folder: where the first process writes its checkpoints.
-        command: what the user types to go on from there.
     """
 
     objective: Objective
     optimizer: Optimizer[Any] | LeastSquares
-    settings: SearchConfig
-    checkpoint: Checkpoint | None
-    folder: Path
-    command: str
+    settings: Settings
+    checkpoint: Checkpoint | None = None
 
     def search(
         self, on_generation: Callable[[Progress], object] | None = None, group: dist.ProcessGroup | None = None
@@ -97,24 +118,3 @@ class Job:
             return outcome
         with torch.no_grad():
             return outcome._replace(best_objective=objective(outcome.best_position))
-
-
-@torch.no_grad()
-def polished(searched: Objective, outcome: Outcome, console: Console) -> Outcome:
-    """Every search's best, finished by least squares on the residuals, and kept where the objective is lower."""
-    space = searched.model.space
-    finish = least_squares(
-        lambda position: searched.residual(space.to_si(position)), outcome.best_position, jacobian="autograd"
-    )
-    objective = searched(space.to_si(finish.position))
-    lower = objective < outcome.best_objective
-    console.print(
-        f"  polished by least squares: objective {float(outcome.best_objective.min()):.6g} before, "
-        f"{float(torch.where(lower, objective, outcome.best_objective).min()):.6g} after"
-    )
-    return outcome._replace(
-        best_position=torch.where(lower[..., None], finish.position, outcome.best_position),
-        best_objective=torch.where(lower, objective, outcome.best_objective),
-        # A tangent of the exact Jacobian costs about as much as a residual, and the objective is evaluated once more.
-        n_evaluation=outcome.n_evaluation + finish.n_evaluation + finish.n_jacobian * len(space) + 1,
-    )

@@ -1,12 +1,12 @@
-"""The basis in which a run searches: chosen, confirmed at the best member, enriched or given up where it is wrong."""
+"""The basis that is searched in: chosen, confirmed at the best member, enriched or given up where it is wrong."""
+
+from collections.abc import Callable
 
 import torch
-from rich.console import Console
 from torch import Tensor
 
-from torchplate.cli.build import Run
-from torchplate.cli.population import polished
 from torchplate.discrepancy import Objective
+from torchplate.identification.polish import polished
 from torchplate.model import DENSE, basis_error, estimated_error, reduce
 from torchplate.model.plate_model import SINGLE_TOLERANCE
 from torchplate.search import Outcome
@@ -17,23 +17,35 @@ TOLERANCE = 1e-4
 N_ESTIMATED = 8
 
 
-def in_reduced_basis(recipe: Run, objective: Objective, console: Console) -> Objective:
-    """The same objective in a reduced basis, where one is worth it and good enough."""
+def in_reduced_basis(
+    objective: Objective,
+    basis: str = "auto",
+    say: Callable[[str], object] = lambda _: None,
+    precision: str = "double",
+) -> Objective:
+    """The same objective in a reduced basis, where one is worth it and good enough.
+
+    Args:
+        objective: of the full model.
+        basis: "auto", or "full" for none.
+        say: is told which.
+        precision: "single" where the search wants it.
+    """
     model = objective.model
-    if recipe.config.search.basis == "full" or (not model.names and model.assembly.size <= DENSE):
+    if basis == "full" or (not model.names and model.assembly.size <= DENSE):
         return objective
     small = reduce(model, *wanted(objective))
     if small is None:
         return objective
     vectors = "vectors" if small[0].shared_modes is None else "modes that all members share"
-    console.print(
-        f"  {model.assembly.size} dofs in {small[0].assembly.size} {vectors}: "
+    say(
+        f"{model.assembly.size} dofs in {small[0].assembly.size} {vectors}: "
         f"error at most {small[1]:.0e} on members they were not built from"
     )
     shared = small[0].shared_modes
-    if recipe.config.search.precision == "single" and shared is not None and shared.single_error > SINGLE_TOLERANCE:
-        console.print(
-            f"  single precision would be {shared.single_error:.0e} wrong, expected at most {SINGLE_TOLERANCE:.0e}: "
+    if precision == "single" and shared is not None and shared.single_error > SINGLE_TOLERANCE:
+        say(
+            f"single precision would be {shared.single_error:.0e} wrong, expected at most {SINGLE_TOLERANCE:.0e}: "
             "the search stays in double precision; narrow the intervals of springs and masses to use it"
         )
     return objective.of(small[0])
@@ -41,12 +53,18 @@ def in_reduced_basis(recipe: Run, objective: Objective, console: Console) -> Obj
 
 @torch.no_grad()
 def confirmed(
-    objective: Objective, searched: Objective, outcome: Outcome, console: Console
+    objective: Objective, searched: Objective, outcome: Outcome, say: Callable[[str], object] = lambda _: None
 ) -> tuple[Objective, Outcome]:
     """The best member is held against the full model; a basis that is wrong there takes it in, or is given up.
 
     The outcome is then finished by least squares in the better basis, since the optimum has moved by no more than what
     the basis was wrong by.
+
+    Args:
+        objective: of the full model.
+        searched: the same in the basis that was searched in.
+        outcome: of the search.
+        say: is told what is done about a wrong basis.
     """
     space = objective.model.space
     for more in (True, False):
@@ -57,13 +75,13 @@ def confirmed(
         enriched = reduce(objective.model, *wanted(objective), also=best) if more else None
         if enriched is None and objective.model.assembly.size > DENSE:
             break
-        console.print(
-            f"  the reduced basis is {error:.0e} wrong at the best member: "
+        say(
+            f"the reduced basis is {error:.0e} wrong at the best member: "
             f"{'it takes that member in' if enriched else 'all dofs from here'}"
         )
         searched = objective if enriched is None else objective.of(enriched[0])
         again = outcome._replace(best_objective=searched(space.to_si(outcome.best_position)))
-        outcome = polished(searched, again, console)
+        outcome = polished(searched, again, say)
         if searched is objective:
             break
     return searched, outcome

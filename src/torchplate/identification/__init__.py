@@ -1,0 +1,28 @@
+"""From a model and a measurement to the values of its searched parameters, their standard errors and what to know.
+
+- `identify`: choose a basis, search, finish, confirm, say what was found.
+- `job`: the search as one piece of work, the same on every process that shares it; its budget.
+- `polish`: the finish of a search by least squares.
+- `basis_check`: the basis that is searched in, chosen before the search and confirmed at its best member.
+- `result`: what was found, as result.json holds it; `caveats`: what must be known before it is trusted;
+  `fit_quality`: how good the fit is, in words.
+"""
+
+from torchplate.identification.fit_quality import fit_in_words
+from torchplate.identification.identify import Identified, evaluated, identified, identify, nominal
+from torchplate.identification.job import Job, Settings
+from torchplate.identification.result import CORRELATED, Result, Value
+
+__all__ = [
+    "CORRELATED",
+    "Identified",
+    "Job",
+    "Result",
+    "Settings",
+    "Value",
+    "evaluated",
+    "fit_in_words",
+    "identified",
+    "identify",
+    "nominal",
+]

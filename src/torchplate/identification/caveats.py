@@ -1,0 +1,46 @@
+"""What must be known before the values of an identification are trusted."""
+
+from torch import Tensor
+
+from torchplate.discrepancy import Objective, Sensitivity
+from torchplate.measurement.natural_frequencies import assumed
+
+# A standard error above this part of the interval says that the data hardly narrow it.
+WIDE = 0.5
+
+
+def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]:
+    """What must be known before the values are trusted, a sentence each: bounds, blind and flat directions."""
+    space = objective.model.space
+    sentences = []
+    for index, name in enumerate(space.names):
+        value, unit = f"{float(theta[index]):.6g}", space.units[index]
+        low, high = float(space.low[index]), float(space.high[index])
+        if bool(seen.blind[index]):
+            sentences.append(
+                f"The data cannot see {name}: no prediction changes over its whole interval, so its value "
+                f"{value} means nothing. Give it as a number, or measure something that depends on it."
+            )
+            continue
+        if bool(space.at_bound(theta)[index]):
+            end = "upper" if float(theta[index]) > 0.5 * (low + high) else "lower"
+            sentences.append(
+                f"{name} ended on the {end} bound of its interval, {value} {unit}: the optimum lies beyond it, or an "
+                "effect is missing that this parameter stands in for. Widen the interval, or look for the effect."
+            )
+        if not bool(seen.flat[:, index].any()) and float(seen.std[index]) > WIDE * (high - low):
+            sentences.append(
+                f"The data hardly see {name}: its standard error, {float(seen.std[index]):.3g} {unit}, is as wide "
+                "as its interval. Measure where it acts, or give it as a number."
+            )
+    for direction in seen.flat:
+        together = [
+            name for name, part in zip(space.names, direction, strict=True) if abs(part) > 0.1 * direction.abs().max()
+        ]
+        sentences.append(
+            f"The data see {' and '.join(together)} only together: moving them along one direction changes no "
+            "prediction. Give one of them as a number."
+        )
+    if (table := objective.evidence.natural_frequencies) is not None and (said := assumed(table)):
+        sentences.append(said)
+    return sentences

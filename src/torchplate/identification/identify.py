@@ -1,0 +1,273 @@
+"""Search the intervals of a model for the values that a measurement speaks for."""
+
+import copy
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from torchplate.discrepancy import Evidence, Objective, sensitivity
+from torchplate.identification.basis_check import TOLERANCE, confirmed, estimated, in_reduced_basis, wanted
+from torchplate.identification.caveats import caveats
+from torchplate.identification.job import Job, Settings
+from torchplate.identification.polish import polished
+from torchplate.identification.result import NATURAL_FREQUENCIES, Result, finite, values
+from torchplate.measurement import Measurement, NaturalFrequencies, place
+from torchplate.model import DENSE, PlateModel, SparseModel, basis_error
+from torchplate.search import Checkpoint, DifferentialEvolution, LeastSquares, Optimizer, Outcome, Progress
+
+N_FREQUENCY_LISTED = 20
+NOT_SEARCHED = "The model was evaluated: it has no interval to search."
+
+
+class Identified(NamedTuple):
+    """The end of an identification, with what figures and reports are drawn from.
+
+    Attributes:
+        result: what was found.
+        searched: the objective in the basis that was searched in.
+        outcome: of the search; None where nothing is searched.
+    """
+
+    result: Result
+    searched: Objective
+    outcome: Outcome | None
+
+
+def identify(
+    model: PlateModel,
+    measurement: Measurement | None = None,
+    search: Optimizer[Any] | LeastSquares | None = None,
+    seed: int = 0,
+    natural_frequencies: NaturalFrequencies | Mapping[int, float] | None = None,
+    objective: str = "relative_frf_norm",
+    *,
+    natural_frequency_weight: float = 1.0,
+    gain_is_unknown: bool = False,
+    n_average: int | None = None,
+    n_generation: int = 100,
+    n_evaluation: int | None = None,
+    tolerance: float | None = 1e-8,
+    stagnation: int | None = None,
+    target: float | None = None,
+    n_repeat: int = 1,
+    polish: bool = False,
+    basis: Literal["auto", "full"] = "auto",
+    precision: Literal["double", "single"] = "double",
+    on_generation: Callable[[Progress], object] | None = None,
+    resume: Checkpoint | None = None,
+    say: Callable[[str], object] = lambda _: None,
+) -> Result:
+    """Search the intervals of a model, as `torchplate run` does; without one, evaluate it.
+
+    Args:
+        model: whose searched parameters are found.
+        measurement: FRFs, already cut to their band. Its channels are matched to the plate by their coordinates, else
+            by node number; where they have neither, the model's responses and references stand for them.
+        search: the optimiser; Differential Evolution with its defaults if left out.
+        seed: of all randomness.
+        natural_frequencies: a table, alone or beside FRFs; or mode number, from 1, rigid-body modes included → Hz.
+        objective: a key of `OBJECTIVES`, how the gap between FRFs is measured.
+        natural_frequency_weight: factor on the error of the natural frequencies, > 0.
+        gain_is_unknown: the level of the FRFs carries no unit, and one factor for all of them is fitted.
+        n_average: records behind each FRF, ≥ 2, with which its coherence says how noisy it is.
+        n_generation: generations at most; see `Settings` for this and all up to `precision`.
+        n_evaluation: evaluations at most for each search.
+        tolerance: of the members' agreement.
+        stagnation: generations without improvement.
+        target: of the objective.
+        n_repeat: independent searches.
+        polish: finish by least squares.
+        basis: "auto" or "full".
+        precision: "double" or "single".
+        on_generation: called with a `Progress` after each generation.
+        resume: what `Progress.checkpoint` gave.
+        say: is told what is being done, a line each.
+
+    Raises:
+        MeasurementError: if a channel is not on the plate.
+        ValueError: if the measurement, or a setting, cannot be used.
+        KeyError: if no objective has that name.
+    """
+    table = natural_frequencies
+    if isinstance(table, Mapping):
+        table = NaturalFrequencies.from_mapping(dict(table))
+    if measurement is not None:
+        given, measurement = measurement, measurement.without_zeros()
+        for note in measurement.notes[len(given.notes) :]:
+            say(note)
+    evidence = Evidence(measurement, table, gain_is_unknown, n_average)
+    if measurement is not None:
+        model = with_channels(model, measurement)
+        model.check_channels()
+    settings = Settings(
+        n_generation, n_evaluation, tolerance, stagnation, target, seed, n_repeat, polish, basis, precision
+    )
+    return identified(
+        Objective(model, evidence, objective, natural_frequency_weight),
+        search or DifferentialEvolution(),
+        settings,
+        lambda job: job.search(on_generation),
+        resume=resume,
+        say=say,
+    ).result
+
+
+@torch.no_grad()
+def identified(
+    objective: Objective,
+    search: Optimizer[Any] | LeastSquares,
+    settings: Settings,
+    run: Callable[[Job], Outcome] = Job.search,
+    *,
+    resume: Checkpoint | None = None,
+    say: Callable[[str], object] = lambda _: None,
+    prepared: Callable[[Objective], object] = lambda _: None,
+) -> Identified:
+    """Choose a basis, search, finish, confirm, and say what was found.
+
+    Args:
+        objective: what is minimised, of the full model.
+        search: how.
+        settings: its budget and all that is not the optimiser's own.
+        run: does the search; it may show its progress and share it among processes.
+        resume: what it goes on from.
+        say: is told what is being done, a line each.
+        prepared: is shown the objective in the basis that is searched in, before it is evaluated; it may refuse.
+    """
+    model = objective.model
+    searched = in_reduced_basis(objective, settings.basis, say, settings.precision)
+    prepared(searched)
+    if not model.names:
+        return Identified(
+            _result(objective, searched, model.known.new_zeros(1, 0), None, search, settings), searched, None
+        )
+    outcome = run(Job(searched, search, settings, resume))
+    if settings.polish and not isinstance(search, LeastSquares):
+        outcome = polished(searched, outcome, say)
+    if searched is not objective:
+        searched, outcome = confirmed(objective, searched, outcome, say)
+    theta = model.space.to_si(outcome.best_position[outcome.best_objective.argsort()])
+    return Identified(_result(objective, searched, theta, outcome, search, settings), searched, outcome)
+
+
+def _result(
+    objective: Objective,
+    searched: Objective,
+    theta: Float[Tensor, "n_search n_parameter"],
+    outcome: Outcome | None,
+    search: Optimizer[Any] | LeastSquares,
+    settings: Settings,
+) -> Result:
+    """What was found at theta, the best first."""
+    best, found = theta[0], searched(theta)
+    by_squares = isinstance(search, LeastSquares)
+    seen = sensitivity(searched, best, least_squares=by_squares) if objective.model.names else None
+    result = dataclasses.replace(
+        evaluated(objective.model, best, search, settings),
+        parameters=values(searched, best, seen),
+        objective=float(found[0]),
+        objective_kind=NATURAL_FREQUENCIES if objective.evidence.measurement is None else objective.kind,
+        gap=float(searched.gap(best)),
+        caveats=[] if seen is None else caveats(searched, best, seen),
+        gain=float(searched.gain(best)) if objective.evidence.gain_is_unknown else None,
+    )
+    if seen is not None:
+        result = dataclasses.replace(result, correlation=[[finite(one) for one in row] for row in seen.correlation])
+    if outcome is not None:
+        result = dataclasses.replace(
+            result,
+            n_evaluation=int(outcome.n_evaluation.sum()),
+            n_generation=int(outcome.n_generation.max()),
+            status=outcome.status[int(outcome.best_objective.argmin())].value,
+        )
+    if len(theta) > 1:
+        result = dataclasses.replace(result, repeats={"objective": found.tolist(), "theta": theta.tolist()})
+    if searched is objective:
+        return result
+    error = basis_error(objective.model, searched.model, best[None], *wanted(objective))
+    if error > TOLERANCE:
+        result.caveats.append(
+            f"On the full model the best member differs by {error:.1e} from what the reduced basis says. Run again "
+            "with --set search.basis=full."
+        )
+    return dataclasses.replace(
+        result, basis_error=error, basis_error_of_population=estimated(objective, searched, outcome)
+    )
+
+
+@torch.no_grad()
+def evaluated(
+    model: PlateModel,
+    theta: Float[Tensor, " n_parameter"],
+    search: Optimizer[Any] | LeastSquares,
+    settings: Settings,
+) -> Result:
+    """A model that is neither searched nor compared with anything: its natural frequencies at theta.
+
+    Args:
+        model: the full model.
+        theta: in SI units.
+        search: had there been one.
+        settings: likewise.
+    """
+    modes = SparseModel(model, theta).modes(N_FREQUENCY_LISTED, dense=model.assembly.size <= DENSE)
+    return Result(
+        parameters={},
+        objective=None,
+        objective_kind=None,
+        gap=None,
+        natural_frequencies_hz=modes.frequency[:N_FREQUENCY_LISTED].tolist(),
+        n_evaluation=1,
+        n_generation=0,
+        status=NOT_SEARCHED,
+        seed=settings.seed,
+        optimizer=search.name,
+        search={"optimizer": search.name} | dataclasses.asdict(settings) | dict(vars(search)),
+        theta=theta,
+    )
+
+
+def with_channels(model: PlateModel, measurement: Measurement) -> PlateModel:
+    """The same model with a measurement's kind, responses and references.
+
+    Args:
+        model: of the plate.
+        measurement: whose channels are matched to the plate by coordinates, else by node number; where it has neither,
+            the model's own stand for them.
+
+    Raises:
+        MeasurementError: if a channel is not on the plate.
+        ValueError: if neither says where the channels are.
+    """
+    twin = copy.copy(model)
+    twin._modules = dict(model._modules)
+    twin.kind = measurement.kind
+    based = measurement.kind == "transmissibility"
+    ends = measurement.response if based else (*measurement.response, *measurement.reference)
+    if any(end.node or end.coordinate for end in ends):
+        mesh = model.mesh
+        found = place(measurement, mesh.length_x, mesh.length_y, mesh.n_x, mesh.n_y)
+        twin.response = [spot.place for spot in found.response]
+        twin.reference = [spot.place for spot in found.reference] or None
+        return twin
+    for name, own, theirs in (
+        ("response", model.response, measurement.response),
+        ("reference", None if based else model.reference, () if based else measurement.reference),
+    ):
+        if len(own or ()) != len(theirs):
+            raise ValueError(
+                f"Expected a place on the plate for each of the measurement's {len(theirs)} {name} channels, got none "
+                f"in it and {len(own or ())} in the model. Give its channels nodes or coordinates."
+            )
+    return twin
+
+
+@torch.no_grad()
+def nominal(objective: Objective) -> Float[Tensor, " n_parameter"]:
+    """The model before updating: the middle of every interval, in SI units."""
+    space = objective.model.space
+    return space.to_si(torch.full_like(space.low, 0.5))

@@ -1,0 +1,48 @@
+"""Words that a gap earns."""
+
+import math
+
+import pytest
+
+import torchplate as tp
+from torchplate.identification import fit_in_words
+
+
+@pytest.mark.parametrize("gap", [1.0, 1.12, 4.0, math.nan, math.inf])
+def test_a_gap_of_zero_frfs_or_more_explains_nothing(gap):
+    assert "explains nothing" in fit_in_words(gap, of_frfs=True)
+    assert "Do not use the values" in fit_in_words(gap, of_frfs=True)
+
+
+@pytest.mark.parametrize(
+    ("gap", "word", "left"), [(0.7, "poor", "49 %"), (0.2, "partial", "4 %"), (0.03, "close", "0.09 %")]
+)
+def test_a_smaller_gap_is_told_with_the_energy_that_it_leaves(gap, word, left):
+    assert f"The fit is {word}" in fit_in_words(gap, of_frfs=True)
+    assert left in fit_in_words(gap, of_frfs=True)
+
+
+@pytest.mark.parametrize(("error", "word"), [(0.2, "poor"), (0.02, "partial"), (0.004, "close"), (math.nan, "poor")])
+def test_natural_frequencies_have_a_scale_of_their_own(error, word):
+    assert f"The fit is {word}" in fit_in_words(error, of_frfs=False)
+
+
+def test_only_a_close_fit_asks_for_nothing_more():
+    for gap in (0.03, 0.2, 0.7, 1.1):
+        assert ("diagnose" in fit_in_words(gap, of_frfs=True)) == (gap > 0.1)
+
+
+def test_no_search_says_accept_whatever_it_has_found():
+    for status in tp.Status:
+        assert "ccept" not in status.value
+
+
+def test_a_search_that_has_settled_on_frfs_of_another_plate_is_told_as_poor(bench):
+    frfs = bench.exact_frfs()
+    # Turned by a quarter of a cycle: no passive plate reads like that.
+    other = type(frfs)(**{**vars(frfs), "frf": 1j * frfs.frf})
+    search = tp.DifferentialEvolution(strategy="best/1/bin", n_member=10)
+    found = tp.identify(bench.plate(["plate.youngs_modulus"]), other, search, n_generation=200, tolerance=1e-3)
+    assert found.status == tp.Status.tolerance.value
+    assert found.gap > 0.5
+    assert "Do not use the values" in found.to_dict()["fit"]

@@ -1,0 +1,98 @@
+"""`tp.identify`: what `run` does, in Python."""
+
+import json
+
+import pytest
+
+import torchplate as tp
+from torchplate.identification import Result
+from torchplate.measurement import MeasurementError
+
+SEARCHED = ["plate.youngs_modulus", "wires.stiffness"]
+# A strategy that settles in few generations.
+SEARCH = tp.DifferentialEvolution(strategy="best/1/bin", n_member=10, differential_weight=0.6, crossover_rate=0.9)
+
+
+@pytest.fixture(scope="module")
+def found(bench) -> Result:
+    return tp.identify(bench.plate(SEARCHED), bench.exact_frfs(), search=SEARCH, seed=1, n_generation=6, polish=True)
+
+
+def test_the_truth_of_exact_frfs_is_found(found, bench):
+    assert list(found.parameters) == SEARCHED
+    for name, value in found.parameters.items():
+        # Least squares ends where a step moves no parameter by 1e-10 of its interval.
+        assert value.value == pytest.approx(bench.truth[name], rel=1e-6)
+        assert not value.at_bound
+    assert found.parameters["wires.stiffness"].unit == "N/m"
+    assert found.objective == pytest.approx(0.0, abs=1e-6)
+    assert found.theta.tolist() == [value.value for value in found.parameters.values()]
+
+
+def test_to_dict_has_the_keys_of_result_json(found):
+    content = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert content["schema"] == "torchplate.result/1"
+    assert list(content["parameters"]) == SEARCHED
+    assert set(content["parameters"]["wires.stiffness"]) == {"value", "std", "unit", "at_bound"}
+    assert len(content["natural_frequencies_hz"]) == 20
+    assert content["optimizer"] == content["search"]["optimizer"] == "differential_evolution"
+    assert content["seed"] == content["search"]["seed"] == 1
+    assert content["n_generation"] == 6
+    assert content["n_evaluation"] == found.n_evaluation > 6 * SEARCH.n_member
+
+
+def test_the_seed_repeats_it_and_another_does_not(bench):
+    model, frfs = bench.plate(SEARCHED), bench.exact_frfs()
+    one, again, other = (
+        tp.identify(model, frfs, search=SEARCH, seed=seed, n_generation=1).objective for seed in (3, 3, 4)
+    )
+    assert one == again
+    assert one != other
+
+
+def test_a_table_of_natural_frequencies_serves_alone_and_as_a_mapping(bench):
+    measured = bench.plate(()).natural_frequencies(bench.plate(()).known.new_zeros(0), 8).tolist()
+    table = {4: measured[3], 6: measured[5]}
+    found = tp.identify(bench.plate(SEARCHED[:1]), natural_frequencies=table, search=SEARCH, n_generation=20)
+    assert found.objective_kind == "natural_frequencies"
+    # One parameter: 20 generations of ten narrow its interval to far below this.
+    assert found.parameters[SEARCHED[0]].value == pytest.approx(bench.truth[SEARCHED[0]], rel=1e-3)
+
+
+def test_a_model_without_an_interval_is_evaluated(bench):
+    found = tp.identify(bench.plate(()), bench.exact_frfs())
+    assert found.parameters == {}
+    assert found.objective == pytest.approx(0.0, abs=1e-9)  # its own FRFs
+    assert found.n_evaluation == 1
+
+
+def test_channels_that_carry_no_place_are_the_models_own(bench):
+    frfs = bench.nameless(bench.exact_frfs())
+    model = bench.plate(())
+    with pytest.raises(ValueError, match="place on the plate for each of the measurement's 2 response channels"):
+        tp.identify(model, frfs)
+    model.response, model.reference = [4, 7], [1, 6]
+    assert tp.identify(model, frfs).objective == pytest.approx(0.0, abs=1e-9)
+
+
+def test_where_the_measurement_says_its_channels_are_the_models_own_do_not_count(bench):
+    model = bench.plate((), response=[1, 2])
+    assert tp.identify(model, bench.exact_frfs()).objective == pytest.approx(0.0, abs=1e-9)
+    assert model.response == [1, 2]
+
+
+def test_a_channel_off_the_plate_and_no_measurement_at_all_are_refused(bench):
+    small = tp.PlateModel(type(bench.plate(()).mesh)(0.5, 0.32, 1, 1), {"plate": tp.CATALOGUE["plate"]()}, {
+        "plate.youngs_modulus": 6e10, "plate.density": 2750.0, "plate.poisson_ratio": 0.33, "plate.thickness": 0.004,
+    })  # fmt: skip
+    with pytest.raises(MeasurementError, match="7"):
+        tp.identify(small, bench.exact_frfs())
+    with pytest.raises(ValueError, match="got neither"):
+        tp.identify(bench.plate(SEARCHED))
+
+
+def test_it_goes_on_from_a_checkpoint_to_the_identical_result(bench):
+    model, frfs, kept = bench.plate(SEARCHED), bench.exact_frfs(), []
+    whole = tp.identify(model, frfs, SEARCH, n_generation=4, on_generation=lambda p: kept.append(p.checkpoint()))
+    rest = tp.identify(model, frfs, SEARCH, n_generation=4, resume=kept[2])
+    assert rest.to_dict() == whole.to_dict()
