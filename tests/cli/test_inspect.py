@@ -113,3 +113,37 @@ def test_a_file_that_cannot_be_used_raises_the_users_error(tmp_path):
     path.write_text("nothing")
     with pytest.raises(MeasurementError, match=r"broken\.uff"):
         inspect(path, tmp_path, Console(file=StringIO()))
+
+
+def test_a_file_without_frfs_is_described_with_what_can_be_done(tmp_path):
+    path = tmp_path / "geometry.uff"
+    write_uff(three_channels(), path)
+    geometry = path.read_bytes().split(b"    -1\n    58\n")[0]
+    path.write_bytes(geometry)
+    screen = StringIO()
+    assert inspect(path, tmp_path, Console(file=screen, width=300)) is None
+    assert "geometry: 2 nodes" in screen.getvalue()
+    assert "torchplate new FRFS.uff --nodes geometry.uff" in screen.getvalue()
+
+
+def test_frfs_that_cannot_be_used_are_described_all_the_same(tmp_path):
+    path = tmp_path / "plate.uff"
+    write_uff(three_channels(), path)
+    path.write_bytes(path.read_bytes().replace(b"        13    0    0    0 Force", b"         0    0    0    0 Force"))
+    screen = StringIO()
+    assert inspect(path, tmp_path, Console(file=screen, width=300)) is None
+    assert "4 × frequency response function" in screen.getvalue()
+    assert "No report on the FRFs" in screen.getvalue()
+    assert "measurement.kind" in screen.getvalue()
+
+
+def test_time_records_of_other_formats_are_described(tmp_path):
+    time = np.arange(400) / 1000.0
+    force = np.where((time > 0.1) & (time < 0.105), 30.0, 0.0)
+    rows = np.column_stack([time, force, np.exp(-5 * time) * np.sin(300 * time)])
+    path = tmp_path / "hit_4.csv"
+    path.write_text("time,force,acc\n" + "\n".join(",".join(f"{x:.9g}" for x in row) for row in rows))
+    screen = StringIO()
+    assert inspect(path, tmp_path, Console(file=screen, width=300)) is None
+    for words in ("1 recording", "400 samples", "1000 Hz", "force up to 30", "torchplate frf hit_4.csv --response"):
+        assert words in screen.getvalue()

@@ -2,6 +2,8 @@
 
 - `config`: the YAML file and its errors (the only file with yaml and pydantic).
 - `build`: from a config to model, evidence and optimiser; `memory`: whether its mesh fits the machine.
+- `new`, `new_text`: from a measurement file to a commented config, and its words.
+- `frf`: from time records of hits to FRFs.
 - `run`, `compare`, `simulate`, `inspect`, `diagnose`: the verbs.
 - `ranks`: the processes of torchrun that share the search of a run.
 - `folder`: where a run is written and what it is resumed from; `occupied`: by one command at a time; `writing`: files

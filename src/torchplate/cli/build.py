@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from torchplate.cli.config import (
     Config,
+    FrameConfig,
     InputError,
     SearchConfig,
     Unknown,
@@ -21,7 +22,18 @@ from torchplate.cli.config import (
 from torchplate.cli.memory import complaint
 from torchplate.discrepancy import OBJECTIVES, Evidence, Objective
 from torchplate.effects import Effect, Parameter, find_effect, options
-from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies, Placement, place, read_measurement
+from torchplate.measurement import (
+    Frame,
+    Imperfections,
+    Measurement,
+    NaturalFrequencies,
+    Placement,
+    in_frame,
+    place,
+    read_measurement,
+    read_nodes,
+    with_nodes,
+)
 from torchplate.measurement.plausibility import disagreements
 from torchplate.model import PlateModel, Point, Searched, extrapolate
 from torchplate.model.usual_ranges import impossible, unusual
@@ -155,7 +167,13 @@ class Run:
             near = os.path.relpath(settings.file, self.path.parent)
             action = f"{here} write {near}." if here else " Correct the path, which counts from the config's folder."
             raise self.error("measurement.file", f"Expected a file, found none at {path}.{action}")
-        frfs = self.told("measurement.file", lambda: read_measurement(path, settings.kind))
+        frame = self.told("measurement.frame", lambda: Frame(**(settings.frame or FrameConfig()).model_dump()))
+        frfs = self.told("measurement.file", lambda: read_measurement(path, settings.kind, frame.normal))
+        if settings.nodes is not None:
+            table = self.path.parent / settings.nodes
+            frfs = self.told("measurement.nodes", lambda: with_nodes(frfs, read_nodes(table), str(table)))
+        if settings.frame is not None:
+            frfs = in_frame(frfs, frame)
         if settings.band is not None:
             band = settings.band
             frfs = self.told("measurement.band", lambda: frfs.band(*band))

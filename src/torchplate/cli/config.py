@@ -68,10 +68,21 @@ class MeshConfig(_Strict):
         return found
 
 
+class FrameConfig(_Strict):
+    """Where the plate lies in the coordinates of the file; see `measurement.Frame`."""
+
+    unit: Literal["m", "cm", "mm", "in"] = "m"
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    x_axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    y_axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
+
+
 class MeasurementConfig(_Strict):
     """What was measured, and where; `response` and `reference` stand in where no file names them."""
 
     file: Path | None = None
+    nodes: Path | None = None
+    frame: FrameConfig | None = None
     band: tuple[float, float] | None = None
     kind: Literal["receptance", "mobility", "accelerance", "transmissibility"] | None = None
     gain: Literal["known", "unknown"] = "known"

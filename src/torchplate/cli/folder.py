@@ -148,18 +148,19 @@ _IDENTITY = ("search", *(f"search.{name}" for name in _SEARCH), "mesh", "effects
 
 def _identity(recipe: Run) -> tuple[Any, ...]:
     config, search = recipe.config, recipe.config.search
-    measurement = config.measurement.model_copy(update={"file": None})
+    measurement = config.measurement.model_copy(update={"file": None, "nodes": None})
     own = recipe.optimizer(), *(getattr(search, name) for name in _SEARCH)
     return *own, config.mesh, config.effects, config.objective, measurement
 
 
 def relocated(recipe: Run, folder: Path) -> dict[str, Any]:
-    """The config as it was run, overrides included; the measurement's path as seen from the run's folder."""
+    """The config as it was run, overrides included; the measurement's paths as seen from the run's folder."""
     raw = dict(recipe.raw)
-    if recipe.config.measurement.file is not None:
-        file = (recipe.path.parent / recipe.config.measurement.file).resolve()
-        seen = os.path.relpath(file, folder.resolve())
-        raw["measurement"] = dict(raw["measurement"]) | {"file": seen}
+    for key in ("file", "nodes"):
+        given = getattr(recipe.config.measurement, key)
+        if given is not None:
+            seen = os.path.relpath((recipe.path.parent / given).resolve(), folder.resolve())
+            raw["measurement"] = dict(raw["measurement"]) | {key: seen}
     return raw
 
 

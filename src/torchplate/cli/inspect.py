@@ -1,5 +1,7 @@
 """`torchplate inspect FILE`: what a measurement file holds, what looks wrong in it, and one figure."""
 
+import shlex
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +10,23 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from torchplate.cli.writing import whole
-from torchplate.measurement import Measurement, Quality, assess, read_measurement
+from torchplate.measurement import (
+    RECORD_SUFFIX,
+    UFF_SUFFIX,
+    Contents,
+    Measurement,
+    MeasurementError,
+    Quality,
+    Recording,
+    assess,
+    describe,
+    read_measurement,
+    read_recordings,
+)
 from torchplate.measurement.quality import summed_amplitude
 
 MANY = 6
@@ -19,22 +34,38 @@ MANY = 6
 INK, MUTED, GRID = "#1f2933", "#616e7c", "#e4e7eb"
 
 
-def inspect(path: Path, out: Path | None = None, console: Console | None = None) -> Path:
-    """Report on a measurement file and save one figure of it.
+def inspect(path: Path, out: Path | None = None, console: Console | None = None) -> Path | None:
+    """Describe a file; report on its FRFs, where there are any, and save one figure of them.
 
     Args:
-        path: A .uff, .unv or .npz file.
+        path: A universal file, an .npz archive, or time records (WAV, MAT, CSV, LVM).
         out: Folder of the figure; by default runs/inspect, under the current folder.
         console: Where the report goes; by default the terminal.
 
     Returns:
-        The figure's path, OUT/<file's stem>.png.
+        The figure's path, OUT/<file's stem>.png; None where the file holds no FRFs that can be used.
 
     Raises:
         MeasurementError: The file cannot be used.
     """
     console = console or Console()
-    measurement = read_measurement(path)
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in RECORD_SUFFIX and (suffix != ".npz" or not _holds_frfs(path)):
+        console.print(_records(read_recordings(path), path))
+        return None
+    contents = describe(path) if suffix in UFF_SUFFIX and path.is_file() else None
+    if contents is not None:
+        console.print(_contents(contents, path))
+        if not contents.has_frf:
+            return None
+    try:
+        measurement = read_measurement(path)
+    except MeasurementError as error:
+        if contents is None:
+            raise
+        console.print(f"[yellow]No report on the FRFs:[/yellow] {escape(str(error))}", highlight=False, soft_wrap=True)
+        return None
     quality = assess(measurement)
     console.print(_summary(measurement, quality, Path(path)))
     if quality.coherence or len(measurement.pairs) > 1:
@@ -50,6 +81,40 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
         _figure(measurement, quality, Path(path)).savefig(partial, format="png", dpi=150)
     console.print(f"Figure: {target}", highlight=False, soft_wrap=True)
     return target
+
+
+def _holds_frfs(path: Path) -> bool:
+    """Whether an archive says it holds FRFs; one that cannot be opened is left to the reader of FRFs to refuse."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return "frf" in archive.files or "force" not in archive.files
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return True
+
+
+def _records(recordings: list[Recording], path: Path) -> Table:
+    table = Table(title=f"{path}: time records", show_header=False, title_justify="left", box=None, padding=(0, 2))
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column()
+    first, n = recordings[0], len(recordings)
+    length = len(first.force)
+    table.add_row(
+        "holds",
+        f"{n} recording{'s' if n > 1 else ''} of {length} samples, {first.rate:g} Hz, {length / first.rate:.4g} s",
+    )
+    table.add_row("channels", f"a force up to {np.abs(first.force).max():.4g} and {len(first.response)} responses")
+    name = shlex.quote(path.name)
+    table.add_row("what torchplate does", f"FRFs from hits: torchplate frf {name} --response NODE ... --out FRFS.uff")
+    return table
+
+
+def _contents(contents: Contents, path: Path) -> Table:
+    table = Table(title=f"{path}: what it holds", title_justify="left", box=None, padding=(0, 2), header_style="dim")
+    for head in ("", "holds", "what torchplate does with it"):
+        table.add_column(head)
+    for part in contents.parts:
+        table.add_row(*(escape(text) for text in part))
+    return table
 
 
 def _summary(measurement: Measurement, quality: Quality, path: Path) -> Table:

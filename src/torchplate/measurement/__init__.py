@@ -6,48 +6,90 @@ Map:
     imperfections: what a test is not perfect in, and how large that is in a careful one
     read: one way in for every file; the suffix chooses the reader
     uff: universal files: dataset 58 (ASCII, binary) with nodes from 15 or 2411 and units from 164, read
+    contents: what a universal file holds, dataset by dataset, and what can be done with it
     uff_values: the values of a dataset 58, in each of the format's eight cases
     uff_writer: a measurement written as a universal file
     level: kind and unit of the level from a file's own specifiers and labels
     noise: how noisy each line is, from the measurement alone
     placement: where each channel sits on the plate
+    frame: where the plate lies in the file's coordinates
+    nodes: a table of coordinates, for files without any
+    geometry: sides, axes and unit of the plate, proposed from the points of a test
     quality: driving points, reciprocity, coherence, noise between lines, peaks, suspicious channels
     plausibility: whether a model and a measurement can belong together: frequencies, kind and level
+    recording: time records of hits, cut and checked
+    record_files: time records from UFF, WAV, MAT, NPZ, CSV and LVM files
+    estimate: FRFs and coherence from cut hits
+    from_hits: recordings of a whole test as one measurement
     analyser, modal_test: the virtual hammer test, which makes a measurement from a model
 """
 
 from torchplate.measurement.analyser import ANALYSERS, Analyser
+from torchplate.measurement.contents import Contents, Part, describe
+from torchplate.measurement.estimate import ESTIMATES, Estimate, Windows, estimate
+from torchplate.measurement.frame import METRES, Frame, in_frame
+from torchplate.measurement.from_hits import frf_of_hits
+from torchplate.measurement.geometry import Proposal, Said, propose
 from torchplate.measurement.imperfections import CAREFUL, PERFECT, Imperfections
 from torchplate.measurement.measurement import KINDS, SI_UNIT, Channel, Kind, Measurement, MeasurementError
 from torchplate.measurement.modal_test import Hammer, hammer_test
 from torchplate.measurement.natural_frequencies import NaturalFrequencies
+from torchplate.measurement.nodes import read_nodes, with_nodes
 from torchplate.measurement.placement import Match, Placement, place
-from torchplate.measurement.quality import Quality, assess
-from torchplate.measurement.read import read_measurement
-from torchplate.measurement.uff import read_uff
+from torchplate.measurement.quality import Quality, assess, peaks
+from torchplate.measurement.read import UFF_SUFFIX, read_measurement
+from torchplate.measurement.record_files import RECORD_SUFFIX, Layout, read_recordings
+from torchplate.measurement.recording import Cutting, Hits, Recording, cut
+from torchplate.measurement.uff import read_geometry, read_uff
 from torchplate.measurement.uff_writer import write_uff
 
 __all__ = [
     "ANALYSERS",
     "CAREFUL",
+    "ESTIMATES",
     "KINDS",
+    "METRES",
     "PERFECT",
+    "RECORD_SUFFIX",
     "SI_UNIT",
+    "UFF_SUFFIX",
     "Analyser",
     "Channel",
+    "Contents",
+    "Cutting",
+    "Estimate",
+    "Frame",
     "Hammer",
+    "Hits",
     "Imperfections",
     "Kind",
+    "Layout",
     "Match",
     "Measurement",
     "MeasurementError",
     "NaturalFrequencies",
+    "Part",
     "Placement",
+    "Proposal",
     "Quality",
+    "Recording",
+    "Said",
+    "Windows",
     "assess",
+    "cut",
+    "describe",
+    "estimate",
+    "frf_of_hits",
     "hammer_test",
+    "in_frame",
+    "peaks",
     "place",
+    "propose",
+    "read_geometry",
     "read_measurement",
+    "read_nodes",
+    "read_recordings",
     "read_uff",
+    "with_nodes",
     "write_uff",
 ]

@@ -75,18 +75,26 @@ def factor_to_si(kind: Kind, numerator_label: str, denominator_label: str, units
         ("force", denominator_label, 1.0 / units.force),
     )
     for sign, (quantity, label, without_label) in zip((1, -1), sides, strict=True):
-        plain = _plain(label)
-        if quantity == "force" and label.strip() == "mN":  # case is all that parts milli from mega
-            found: float | None = 1e-3
-        else:
-            found = _TO_SI[quantity].get(plain)
+        found = to_si(quantity, label)
         if found is None:
             found = without_label
-            if plain:
+            if _plain(label):
                 strange.append(f"{label.strip()!r} as {quantity}")
         factor *= found**sign
     note = f"The unit label {' and '.join(strange)} is not known; the level was taken as SI." if strange else None
     return factor, note
+
+
+def to_si(quantity: str, label: str) -> float | None:
+    """Factor from a unit's label to SI; None where the label is not known.
+
+    Args:
+        quantity: "displacement", "velocity", "acceleration" or "force".
+        label: As a file writes it.
+    """
+    if quantity == "force" and label.strip() == "mN":  # case is all that parts milli from mega
+        return 1e-3
+    return _TO_SI[quantity].get(_plain(label))
 
 
 def _plain(label: str) -> str:

@@ -57,7 +57,7 @@ class Record:
         return f"record {self.number} ({response[0]}{response[1]}/{reference[0]}{reference[1]})"
 
 
-def read_uff(path: Path, kind: str | None = None) -> Measurement:
+def read_uff(path: Path, kind: str | None = None, normal: int = 3) -> Measurement:
     """Read the out-of-plane FRFs of a universal file, in SI units.
 
     A channel that points along -z counts as out of the plate with its sign turned. In-plane and rotational
@@ -66,13 +66,14 @@ def read_uff(path: Path, kind: str | None = None) -> Measurement:
     Args:
         path: The file; ASCII and binary records may be mixed.
         kind: Overrides what the file's specifiers say.
+        normal: The file's axis that points out of the plate, 1 to 3.
 
     Raises:
         MeasurementError: Not a universal file, no FRF in it, lines that differ between records, a pair that
             comes twice, values that do not follow their header, a kind that the file does not settle.
     """
     file, units, places, notes = _open(path)
-    records = [_record(file, index, path) for index in _of_type(file, 58)]
+    records = [_record(file, index, path, normal) for index in _of_type(file, 58)]
     frfs = [r for r in records if r.function_type in (4, 5)]
     if not frfs:
         seen = sorted({r.function_type for r in records})
@@ -87,7 +88,8 @@ def read_uff(path: Path, kind: str | None = None) -> Measurement:
     frfs = [r for r in frfs if (r.response[1], r.reference[1]) == ("w", "w")]
     if not frfs:
         raise MeasurementError(
-            f"{path}: expected out-of-plane FRFs (response and reference direction 3 or -3), got none; the first is "
+            f"{path}: expected out-of-plane FRFs (response and reference direction {normal} or -{normal}), got none; "
+            "the first is "
             f"{plane[0].label}. A bending plate has no in-plane FRFs: export the z direction."
         )
     if plane:
@@ -118,7 +120,68 @@ def _left_out(file: Any, records: list[Record]) -> list[str]:
     return found
 
 
-def _open(path: Path) -> tuple[Any, Units, dict[int, Point], list[str]]:
+class UffFile:
+    """A universal file, open for reading one dataset at a time.
+
+    Attributes:
+        types: The number of each dataset, in the file's order.
+    """
+
+    def __init__(self, file: Any, path: Path) -> None:
+        self._file, self._path = file, path
+        self.types: tuple[int, ...] = tuple(int(t) for t in file.get_set_types())
+
+    def read(self, index: int) -> dict[str, Any]:
+        """A dataset as pyuff reads it.
+
+        Raises:
+            MeasurementError: It does not parse.
+        """
+        return _read(self._file, index, self._path)
+
+    def header(self, index: int) -> dict[str, Any]:
+        """The header of a dataset 58.
+
+        Raises:
+            MeasurementError: It does not parse.
+        """
+        return _read(self._file, index, self._path, header_only=True)
+
+    def record(self, index: int) -> Record:
+        """A dataset 58 with its values.
+
+        Raises:
+            MeasurementError: It does not parse.
+        """
+        return _record(self._file, index, self._path, 3)
+
+
+def open_uff(path: Path) -> UffFile:
+    """Open a universal file, whatever it holds.
+
+    Raises:
+        MeasurementError: It is absent, cut short, or no universal file.
+    """
+    return UffFile(_complete(path), path)
+
+
+def read_geometry(path: Path) -> tuple[dict[int, Point], int | None]:
+    """Every node of a universal file [m by its units], and the axis most of its FRFs point along, 1 to 3, if any.
+
+    Raises:
+        MeasurementError: Not a universal file, or a dataset that does not parse.
+    """
+    file, _, places, _ = _open(path)
+    axes = [0, 0, 0, 0]
+    for index in _of_type(file, 58):
+        header = _read(file, index, path, header_only=True)
+        direction = abs(int(header["rsp_dir"]))
+        if int(header["func_type"]) in (4, 5) and direction in (1, 2, 3):
+            axes[direction] += 1
+    return places, axes.index(max(axes)) if any(axes) else None
+
+
+def _complete(path: Path) -> Any:
     try:
         content = Path(path).read_bytes()
     except OSError as error:
@@ -138,6 +201,11 @@ def _open(path: Path) -> tuple[Any, Units, dict[int, Point], list[str]]:
             f"{path}: expected a last line that holds only -1, got a file that ends within a dataset. "
             "It was cut short: copy or export it again."
         )
+    return file
+
+
+def _open(path: Path) -> tuple[Any, Units, dict[int, Point], list[str]]:
+    file = _complete(path)
     notes: list[str] = []
     units = _units(file, path, notes)
     places: dict[int, Point] = {}
@@ -184,7 +252,7 @@ def _units(file: Any, path: Path, notes: list[str]) -> Units:
     return units
 
 
-def _record(file: Any, index: int, path: Path) -> Record:
+def _record(file: Any, index: int, path: Path, normal: int) -> Record:
     header = _read(file, index, path, header_only=True)
     number = index + 1
     start, end = (int(i) for i in file._block_ind[index])
@@ -221,8 +289,8 @@ def _record(file: Any, index: int, path: Path) -> Record:
     return Record(
         number=number,
         function_type=int(header["func_type"]),
-        response=(int(header["rsp_node"]), DIRECTION[abs(directions[0])]),
-        reference=(int(header["ref_node"]), DIRECTION[abs(directions[1])]),
+        response=(int(header["rsp_node"]), DIRECTION[_seen(abs(directions[0]), normal)]),
+        reference=(int(header["ref_node"]), DIRECTION[_seen(abs(directions[1]), normal)]),
         sign=-1 if (directions[0] < 0) != (directions[1] < 0) else 1,
         scalar=0 in directions,
         frequency=frequency,
@@ -232,6 +300,14 @@ def _record(file: Any, index: int, path: Path) -> Record:
         labels=(header["ordinate_axis_units_lab"], header["orddenom_axis_units_lab"]),
         text=header["id1"],
     )
+
+
+def _seen(direction: int, normal: int) -> int:
+    """A direction of the file as the plate counts it, whose z is the file's axis `normal`."""
+    if direction == 0:
+        return 0
+    turn, axis = divmod(direction - 1, 3)
+    return 3 * turn + (axis - normal) % 3 + 1
 
 
 def _kind_and_factor(

@@ -80,5 +80,5 @@ def _orthonormality_error(vector: Float[Tensor, "*batch n n"]) -> Float[Tensor, 
 
 
 def _tolerance(vector: Tensor) -> float:
-    """Rounding grows with the size; a broken batch misses by orders of magnitude."""
-    return 100 * vector.shape[-1] * torch.finfo(vector.dtype).eps
+    """Rounding grows with the size, divide and conquer has been seen to leave 110 n eps; a broken batch is off by 1."""
+    return 2000 * vector.shape[-1] * torch.finfo(vector.dtype).eps

@@ -6,11 +6,40 @@
   (Local), damping in proportion to the whole model (Proportional), and all of these for one batch (Plan).
 - `laminate`: elements that the edges of a patch cut.
 - `assemble`: Section and Local to mass, stiffness and damping, in every dof or in a reduced basis.
+- `material`: what plates are usually made of; `wavelength`: bending waves, and the elements they need.
 - `transforms`: what of all this may be remembered, and what belongs to a derivative.
 """
 
 from torchplate.plate.assemble import Assembly, Correction
+from torchplate.plate.material import MATERIALS, Material, find_material
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Geometry, Local, Plan, Proportional, Section, System
+from torchplate.plate.wavelength import (
+    ELEMENTS_PER_WAVELENGTH,
+    THIN,
+    bending_wavelength,
+    elements_for,
+    frequency_of_wavelength,
+    thickness_of,
+)
 
-__all__ = ["Assembly", "Correction", "Geometry", "Local", "Mesh", "Plan", "Proportional", "Section", "System"]
+__all__ = [
+    "ELEMENTS_PER_WAVELENGTH",
+    "MATERIALS",
+    "THIN",
+    "Assembly",
+    "Correction",
+    "Geometry",
+    "Local",
+    "Material",
+    "Mesh",
+    "Plan",
+    "Proportional",
+    "Section",
+    "System",
+    "bending_wavelength",
+    "elements_for",
+    "find_material",
+    "frequency_of_wavelength",
+    "thickness_of",
+]

@@ -1,0 +1,347 @@
+"""What a universal file holds, dataset by dataset, and what can be done with it here.
+
+Source: Universal File Format, University of Cincinnati SDRL: datasets 15, 18, 55, 58, 82, 151, 164, 2411, 2412, 2414,
+2420, 2467.
+"""
+
+import shlex
+from collections import Counter, defaultdict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from torchplate.measurement.level import FORCE, MOTION
+from torchplate.measurement.measurement import MeasurementError
+from torchplate.measurement.uff import UffFile, open_uff
+
+FUNCTION: Final = {
+    0: "general or unknown function",
+    1: "time response",
+    2: "auto spectrum",
+    3: "cross spectrum",
+    4: "frequency response function",
+    5: "transmissibility",
+    6: "coherence",
+    7: "auto correlation",
+    8: "cross correlation",
+    9: "power spectral density",
+    10: "energy spectral density",
+    11: "probability density",
+    12: "spectrum",
+    13: "cumulative frequency distribution",
+    14: "peaks valley",
+    16: "stress/cycles",
+    17: "strain/cycles",
+    18: "orbit",
+    19: "mode indicator function",
+    20: "force pattern",
+    21: "partial power",
+    22: "partial coherence",
+    23: "eigenvalue",
+    24: "eigenvector",
+    25: "shock response spectrum",
+    26: "finite impulse response filter",
+    27: "multiple coherence",
+    28: "order function",
+}
+"""Function types of dataset 58."""
+QUANTITY: Final = MOTION | FORCE | {1: "general", 2: "stress", 3: "strain", 5: "temperature", 15: "pressure"}
+QUANTITY_ALSO: Final = {16: "mass", 17: "time", 18: "frequency", 19: "rpm", 21: "sound pressure"}
+UNIT_CODE: Final = {
+    1: "m, N",
+    2: "ft, lbf",
+    3: "m, kgf",
+    4: "ft, pdl",
+    5: "mm, mN",
+    6: "cm, cN",
+    7: "in, lbf",
+    8: "mm, kgf",
+    9: "its own units",
+}
+ELEMENT: Final = {
+    11: "rods",
+    21: "beams",
+    22: "beams",
+    24: "beams",
+    41: "triangles",
+    44: "quads",
+    91: "triangles",
+    94: "quads",
+    111: "tetrahedra",
+    112: "wedges",
+    115: "bricks",
+}
+ANALYSIS: Final = {
+    0: "unknown",
+    1: "static",
+    2: "normal mode",
+    3: "complex mode",
+    4: "transient",
+    5: "frequency response",
+    6: "buckling",
+    7: "complex mode",
+}
+
+
+class Part(NamedTuple):
+    """One kind of content.
+
+    Attributes:
+        what: Which datasets, how many.
+        detail: What is in them.
+        use: What torchplate does with them, with the command or key.
+    """
+
+    what: str
+    detail: str
+    use: str
+
+
+class Held(NamedTuple):
+    """All datasets of one number in a file."""
+
+    file: UffFile
+    kind: int
+    indices: tuple[int, ...]
+    path: Path
+
+    @property
+    def title(self) -> str:
+        """Number and count in words."""
+        return f"dataset {self.kind}" + (f", {len(self.indices)} times" if len(self.indices) > 1 else "")
+
+
+class Contents(NamedTuple):
+    """A universal file, described.
+
+    Attributes:
+        parts: Its contents by kind.
+        has_frf: Whether FRFs or transmissibilities are among them.
+        has_time: Whether time records are.
+    """
+
+    parts: tuple[Part, ...]
+    has_frf: bool
+    has_time: bool
+
+
+def describe(path: Path | str) -> Contents:
+    """Describe a universal file; a dataset that does not parse is said to be one.
+
+    Raises:
+        MeasurementError: The file is no universal file, or cannot be read.
+    """
+    path = Path(path)
+    file = open_uff(path)
+    by_type: dict[int, list[int]] = defaultdict(list)
+    for index, kind in enumerate(file.types):
+        by_type[kind].append(index)
+    parts: list[Part] = []
+    functions: set[int] = set()
+    for kind, indices in by_type.items():
+        if kind == 58:
+            found, functions = _functions(file, indices, path)
+            parts += found
+            continue
+        held = Held(file, kind, tuple(indices), path)
+        try:
+            parts.append(_DESCRIBE.get(kind, _other)(held))
+        except (MeasurementError, KeyError, ValueError, IndexError, TypeError):
+            parts.append(Part(held.title, "does not parse", "not used: export it again, or leave it out"))
+    return Contents(tuple(parts), bool(functions & {4, 5}), 1 in functions)
+
+
+def _other(held: Held) -> Part:
+    return Part(held.title, "of a kind that is not described here", "not used")
+
+
+def _header(held: Held) -> Part:
+    one = held.file.read(held.indices[0])
+    words = [str(one.get(key, "")).strip() for key in ("model_name", "description", "db_app", "program")]
+    return Part(held.title, "file header: " + ", ".join(w for w in words if w and w != "NONE"), "shown only")
+
+
+def _units(held: Held) -> Part:
+    one = held.file.read(held.indices[0])
+    code = int(one["units_code"])
+    detail = f"units: code {code} ({UNIT_CODE.get(code, 'unknown')}), {one['length']:g} lengths per metre"
+    return Part(held.title, detail, "coordinates and levels are turned into m and N by it")
+
+
+def _nodes(held: Held) -> Part:
+    tables = [held.file.read(index) for index in held.indices]
+    labels = np.concatenate([np.asarray(t["node_nums"], dtype=float) for t in tables]).astype(int)
+    xyz = np.stack([np.concatenate([np.asarray(t[axis], dtype=float) for t in tables]) for axis in "xyz"])
+    if not labels.size:
+        return Part(held.title, "geometry without a node", "not used")
+    spans = [
+        f"{axis} {row.min():g}" + (f" to {row.max():g}" if row.max() > row.min() else "")
+        for axis, row in zip("xyz", xyz, strict=True)
+    ]
+    systems = {int(x) for t in tables for x in np.asarray(t["def_cs"], dtype=float)} - {0, 1}
+    detail = f"geometry: {labels.size} nodes, labels {labels.min()} to {labels.max()}, {', '.join(spans)} (file's unit)"
+    if systems:
+        detail += f"; in {len(systems)} coordinate systems of their own, taken as global"
+    flat = np.linalg.matrix_rank(xyz - xyz.mean(axis=1, keepdims=True), tol=0.01 * max(float(np.ptp(xyz)), 1e-12)) < 3
+    detail += "; in one plane" if flat else "; not in one plane"
+    name = shlex.quote(held.path.name)
+    own, lent = f"torchplate new {name}", f"torchplate new FRFS.uff --nodes {name}"
+    use = f"places of the FRFs: {own}" if _has_frf(held.file) else f"places for the FRFs of another file: {lent}"
+    return Part(held.title, detail, use if flat else f"not a plate as a whole; {use}")
+
+
+def _has_frf(file: UffFile) -> bool:
+    return any(kind == 58 and file.header(i).get("func_type") in (4, 5) for i, kind in enumerate(file.types))
+
+
+def _systems(held: Held) -> Part:
+    names: list[str] = []
+    for index in held.indices:
+        one = held.file.read(index)
+        found = one.get("cs_name", one.get("CS_names", ""))
+        names += [str(found)] if isinstance(found, str) else [str(name) for name in found]
+    shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    return Part(
+        held.title,
+        f"{len(names)} coordinate systems: {shown}",
+        "not applied: coordinates and directions are taken as global; turn them by measurement.frame",
+    )
+
+
+def _lines(held: Held) -> Part:
+    counts = [len(np.flatnonzero(np.asarray(held.file.read(index)["nodes"]))) for index in held.indices]
+    return Part(held.title, f"trace lines through {sum(counts)} nodes", "shown only: a mesh is made anew")
+
+
+def _elements(held: Held) -> Part:
+    counts: Counter[str] = Counter()
+    for index in held.indices:
+        # pyuff lists triangles and quads a second time, by name.
+        for kind_number, group in held.file.read(index).items():
+            if isinstance(kind_number, int):
+                counts[ELEMENT.get(kind_number, f"of type {kind_number}")] += len(group)
+    detail = ", ".join(f"{n} {name}" for name, n in counts.items()) or "none that is known here"
+    return Part(held.title, f"elements: {detail}", "shown only: a mesh is made anew")
+
+
+def _groups(held: Held) -> Part:
+    return Part(held.title, "groups of nodes or elements", "shown only")
+
+
+def _shapes(held: Held) -> Part:
+    modes: list[tuple[float, float]] = []
+    kinds: Counter[str] = Counter()
+    nodes: set[int] = set()
+    for index in held.indices:
+        one = held.file.read(index)
+        analysis = int(one.get("analysis_type", 0))
+        kinds[ANALYSIS.get(analysis, "unknown")] += 1
+        nodes |= {int(n) for n in np.atleast_1d(np.asarray(one.get("node_nums", []), dtype=float))}
+        if analysis == 2:
+            # pyuff gives the fields of a dataset 2414 no names but in one analysis type.
+            frequency = float(one["freq"] if held.kind == 55 else one["record12_field2"])
+            modes.append((frequency, float(one.get("modal_damp_vis", one.get("record12_field5", 0.0)))))
+        elif analysis in (3, 7) and "eig" in one:
+            pole = complex(one["eig"])
+            modes.append((abs(pole) / (2 * np.pi), -pole.real / max(abs(pole), 1e-300)))
+    what = ", ".join(f"{n} of a {name}" for name, n in kinds.items())
+    detail = f"data at {len(nodes)} nodes: {what}"
+    if not modes:
+        return Part(held.title, detail, "not used: no mode with a natural frequency is among them")
+    modes.sort()
+    shown = ", ".join(f"{f:.5g} Hz" + (f" ({100 * d:.2g} %)" if d > 0 else "") for f, d in modes[:12])
+    table = ", ".join(f"{i}: {f:.5g}" for i, (f, _) in enumerate(modes[:3], start=4))
+    use = f"in a config: measurement: {{natural_frequencies: {{{table}, ...}}}}, three rigid-body modes counted first"
+    return Part(held.title, f"{detail}; {shown}" + (", ..." if len(modes) > 12 else ""), use)
+
+
+def _functions(file: UffFile, indices: Sequence[int], path: Path) -> tuple[list[Part], set[int]]:
+    groups: dict[tuple[int, int, int, int], list[dict[str, Any]]] = defaultdict(list)
+    broken = 0
+    for index in indices:
+        try:
+            header = file.header(index)
+            key = (int(header["func_type"]), int(header["num_pts"]))
+            groups[*key, int(header["ordinate_spec_data_type"]), int(header["orddenom_spec_data_type"])].append(header)
+        except (MeasurementError, KeyError, ValueError):
+            broken += 1
+    parts = []
+    forces = any(key[0] == 1 and key[2] in FORCE for key in groups)
+    for (function, n, over, under), headers in sorted(groups.items(), key=lambda item: item[0]):
+        first = headers[0]
+        name = FUNCTION.get(function, f"function type {function}")
+        detail = f"{n} values, {_abscissa(first, n)}, {_quantity(over, under, first)}, {_channels(headers)}"
+        use = _use_of(function, over, forces, path)
+        parts.append(Part(f"dataset 58, {len(headers)} × {name}", detail, use))
+    if broken:
+        parts.append(Part(f"dataset 58, {broken} times", "header does not parse", "not used: export it again"))
+    return parts, {key[0] for key in groups}
+
+
+def _abscissa(header: dict[str, Any], n: int) -> str:
+    unit = str(header.get("abscissa_axis_units_lab", "")).strip()
+    if int(header["abscissa_spacing"]) != 1:
+        return f"uneven spacing [{unit or '?'}]"
+    start, step = float(header["abscissa_min"]), float(header["abscissa_inc"])
+    end = start + step * max(n - 1, 0)
+    return f"{start:g} to {end:g} {unit}, step {step:g}" + (
+        f" ({1 / step:g} Hz)" if int(header["func_type"]) == 1 and step > 0 else ""
+    )
+
+
+def _quantity(over: int, under: int, header: dict[str, Any]) -> str:
+    names = QUANTITY | QUANTITY_ALSO
+    unit = str(header.get("ordinate_axis_units_lab", "")).strip()
+    word = names.get(over, "quantity not named")
+    word += f" over {names.get(under, 'quantity not named')}" if under else ""
+    return word + (f" [{unit}]" if unit and unit != "NONE" else "")
+
+
+def _channels(headers: Sequence[dict[str, Any]]) -> str:
+    labels = []
+    for header in headers:
+        response = f"{int(header['rsp_node'])}{_direction(int(header['rsp_dir']))}"
+        reference = f"{int(header['ref_node'])}{_direction(int(header['ref_dir']))}"
+        labels.append(response if int(header["func_type"]) in (1, 2, 9) else f"{response}/{reference}")
+    unique = list(dict.fromkeys(labels))
+    return "channel" + ("s " if len(unique) > 1 else " ") + ", ".join(unique[:8]) + (" ..." if len(unique) > 8 else "")
+
+
+def _direction(direction: int) -> str:
+    sign = "-" if direction < 0 else ""
+    return sign + ("", "x", "y", "z", "rx", "ry", "rz")[abs(direction)] if abs(direction) <= 6 else f"?{direction}"
+
+
+def _use_of(function: int, over: int, forces: bool, path: Path) -> str:
+    if function in (4, 5):
+        return f"the measurement of a run: torchplate new {shlex.quote(path.name)}"
+    if function == 6:
+        return "read with the FRFs of the same channels"
+    if function == 1 and (over in FORCE or over in MOTION or over in (0, 1)):
+        if forces:
+            return f"FRFs from hits: torchplate frf {shlex.quote(path.name)} --out FRFS.uff"
+        return f"FRFs need the force beside it: torchplate frf {shlex.quote(path.name)} FORCE.uff --out FRFS.uff"
+    if function == 1:
+        return "not used: a plate is hit with a force and answers with a motion"
+    if function in (2, 3, 7, 8, 9, 10, 12, 19, 25):
+        return "not used, since it holds no force; its peaks may be given as measurement.natural_frequencies"
+    if function == 0:
+        return "not used: if these are FRFs, export them as function type 4"
+    return "not used"
+
+
+_DESCRIBE: Final[dict[int, Callable[[Held], Part]]] = {
+    15: _nodes,
+    18: _systems,
+    55: _shapes,
+    82: _lines,
+    151: _header,
+    164: _units,
+    2411: _nodes,
+    2412: _elements,
+    2414: _shapes,
+    2420: _systems,
+    2467: _groups,
+}

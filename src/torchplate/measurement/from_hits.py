@@ -1,0 +1,114 @@
+"""The recordings of a whole hammer test as one measurement."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import torch
+
+from torchplate.measurement.estimate import Estimate, Estimated, Windows, estimate
+from torchplate.measurement.level import KIND_OF_MOTION
+from torchplate.measurement.measurement import SI_UNIT, Channel, Measurement, MeasurementError
+from torchplate.measurement.recording import Cutting, Hits, Recording, cut
+
+ALIAS_FREE: Final = 2.56
+"""Samples per hertz that analysers take; above rate / 2.56 the anti-alias filter is at work."""
+
+
+def frf_of_hits(
+    recordings: Sequence[Recording],
+    cutting: Cutting | None = None,
+    windows: Windows | None = None,
+    estimator: Estimate = "H1",
+) -> Measurement:
+    """Average the hits at each node, and put the FRFs of all nodes together.
+
+    Args:
+        recordings: Those with one `reference` are averaged.
+        cutting: How hits are cut out and which are thrown away.
+        windows: Over each hit.
+        estimator: "H1", "H2" or "Hv".
+
+    Raises:
+        MeasurementError: Recordings that do not fit together, or hold no hit that can be used.
+    """
+    cutting = cutting or Cutting()
+    groups: dict[int, list[Recording]] = defaultdict(list)
+    for recording in recordings:
+        groups[recording.reference].append(recording)
+    if cutting.duration is None:
+        # One length for all nodes, or their lines would differ.
+        cutting = _common(list(groups.values()), cutting)
+    hits = {reference: cut(own, cutting) for reference, own in sorted(groups.items())}
+    responses = sorted({node for own in hits.values() for node in own.recording.responses})
+    references = list(hits)
+    first = next(iter(hits.values()))
+    found = {reference: estimate(own, windows, estimator) for reference, own in hits.items()}
+    lines = next(iter(found.values())).frequency
+    for reference, one in found.items():
+        if len(one.frequency) != len(lines) or float(np.abs(one.frequency - lines).max()) > 1e-6 * lines[-1]:
+            raise MeasurementError(
+                f"{hits[reference].recording.source}: expected the lines of {first.recording.source}, got others. Give "
+                "one --duration, and records of one sampling rate."
+            )
+    keep = lines <= first.rate / ALIAS_FREE * (1 + 1e-9)
+    return _measurement(hits, found, lines[keep], keep, responses, references, windows)
+
+
+def _common(groups: Sequence[list[Recording]], cutting: Cutting) -> Cutting:
+    lengths = [cut(own, replace(cutting, double_hit=None, overload=None)).force.shape[1] for own in groups]
+    rate = groups[0][0].rate
+    return replace(cutting, duration=min(lengths) / rate)
+
+
+def _measurement(
+    hits: dict[int, Hits],
+    found: dict[int, Estimated],
+    lines: np.ndarray,
+    keep: np.ndarray,
+    responses: Sequence[int],
+    references: Sequence[int],
+    windows: Windows | None,
+) -> Measurement:
+    shape = (len(lines), len(responses), len(references))
+    frf = np.zeros(shape, dtype=np.complex128)
+    coherence = np.full(shape, np.nan)
+    measured = np.zeros(shape[1:], dtype=bool)
+    notes, places = [], {}
+    motions = {own.recording.motion or "acceleration" for own in hits.values()}
+    if len(motions) > 1:
+        named = " and ".join(sorted(motions))
+        raise MeasurementError(
+            f"{hits[references[0]].recording.source}: expected one kind of response, got {named}. Convert them apart."
+        )
+    for k, reference in enumerate(references):
+        own = hits[reference]
+        places.update(dict(own.recording.coordinates))
+        notes += [f"Left out {text}." for text in own.rejected]
+        for column, node in enumerate(own.recording.responses):
+            j = responses.index(node)
+            frf[:, j, k] = found[reference].frf[keep, column]
+            measured[j, k] = True
+            # Of a single hit it is 1 by definition, and would be believed.
+            if len(own.force) > 1:
+                coherence[:, j, k] = found[reference].coherence[keep, column]
+    if windows is not None and windows.exponential is not None:
+        notes.append(
+            f"Windowed by exp(-t/{windows.exponential:g} s): add {{effect: exponential_window, rate: "
+            f"{1 / windows.exponential:.6g}}} to the effects of the config."
+        )
+    kind = KIND_OF_MOTION[motions.pop()]
+    return Measurement(
+        frequency=torch.from_numpy(lines),
+        frf=torch.from_numpy(frf),
+        measured=torch.from_numpy(measured),
+        response=tuple(Channel(node, "w", places.get(node)) for node in responses),
+        reference=tuple(Channel(node, "w", places.get(node)) for node in references),
+        kind=kind,
+        unit=SI_UNIT[kind],
+        coherence=torch.from_numpy(coherence) if bool(np.isfinite(coherence).any()) else None,
+        source=hits[references[0]].recording.source,
+        notes=tuple(notes),
+    )

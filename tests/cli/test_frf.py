@@ -1,0 +1,110 @@
+"""`frf` turns time records of hits into a measurement that `new` takes, and says what it left out."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import wavfile
+
+from torchplate.measurement import read_measurement
+
+_spec = importlib.util.spec_from_file_location("hits", Path(__file__).parents[1] / "measurement" / "hits.py")
+assert _spec
+assert _spec.loader
+made = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(made)
+FULL = 400.0
+
+
+def wav(path: Path, *hits: np.ndarray) -> Path:
+    """A recording of full scale 400 N and 400 m/s² with several hits in a row."""
+    samples = np.concatenate(hits, axis=1) / FULL
+    wavfile.write(path, int(made.RATE), np.round(samples * 2**31).astype(np.int32).T)
+    return path
+
+
+@pytest.fixture
+def records(tmp_path) -> list[Path]:
+    """Three hits at node 12, one of them double, and two at node 7, each node in a file of its own."""
+    hits = [made.hit(12, noise=0.002, seed=i, bounce=0.5 * (i == 1), peak=30.0 + i) for i in range(3)]
+    return [
+        wav(tmp_path / "plate_12.wav", *hits),
+        wav(tmp_path / "plate_7.wav", made.hit(7), made.hit(7, peak=28.0)),
+    ]
+
+
+def test_wav_recordings_become_frfs_with_coherence(records, tmp_path, command):
+    out = tmp_path / "plate.uff"
+    status, text, error = command("frf", *records, "--response", 7, 2, "--scale", FULL, FULL, "--out", out)
+    assert (status, error) == (0, "")
+    assert "4 FRFs (accelerance, H1) from 2 recordings" in text
+    assert "plate_12.wav, hit 2: the hammer hit twice" in text
+    assert f"torchplate new {out} --nodes nodes.csv" in text
+    measurement = read_measurement(out)
+    assert [c.label for c in measurement.reference] == ["7w", "12w"]
+    assert measurement.coherence is not None
+    frequency = measurement.frequency.numpy()
+    s = 2j * np.pi * frequency
+    expected = np.zeros(len(s), dtype=complex)
+    for (f, z), a, b in zip(made.MODES, made.SHAPES[2], made.SHAPES[7], strict=True):
+        w = 2 * np.pi * f
+        expected += a * b * s**2 / (w**2 + 2 * z * w * s + s**2)
+    band = (frequency > 30) & (frequency < 200)
+    found = measurement.frf[:, 0, 0].numpy()
+    # The sampled impulse response is aliased, and the first hit still rings a little when the second falls.
+    assert np.linalg.norm((found - expected)[band]) < 0.03 * np.linalg.norm(expected[band])
+
+
+def test_an_archive_is_written_where_the_name_asks_for_one(records, tmp_path, command):
+    out = tmp_path / "out" / "plate.npz"
+    assert command("frf", records[1], "--response", 7, 2, "--estimator", "Hv", "--out", out)[0] == 0
+    assert read_measurement(out).kind == "accelerance"
+
+
+def test_the_motion_and_the_node_are_as_told(records, tmp_path, command):
+    out = tmp_path / "plate.uff"
+    options = ("--response", 7, 2, "--reference", 31, "--motion", "velocity", "--exponential-window", 0.5)
+    status, text, _ = command("frf", records[1], *options, "--out", out)
+    assert status == 0
+    assert "{effect: exponential_window, rate: 2}" in text
+    assert "state no unit" in text
+    assert read_measurement(out).kind == "mobility"
+    assert read_measurement(out).reference[0].node == 31
+
+
+def test_places_come_from_a_table(records, tmp_path, command):
+    (tmp_path / "nodes.csv").write_text("2,0.1,0\n7,0.2,0.1\n12,0.3,0.2\n")
+    out = tmp_path / "plate.uff"
+    options = ("--response", 7, 2, "--nodes", tmp_path / "nodes.csv")
+    assert command("frf", *records, *options, "--out", out)[0] == 0
+    assert read_measurement(out).reference[1].coordinate == pytest.approx((0.3, 0.2, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--response", 7, 2, "--out", "plate.txt"), ".uff or .npz"),
+        (("--out", "plate.uff"), "--response 3"),
+        (("--response", 7, "--out", "plate.uff"), "each of 2 responses, got 1"),
+        (("--response", 7, 2, "--reference", 1, 2, 3, "--out", "plate.uff"), "each of 2 files"),
+        (("--response", 7, 2, "--trigger", 2, "--out", "plate.uff"), "trigger"),
+        (("--response", 7, 2, "--force-window", -1, "--out", "plate.uff"), "force window above 0 s"),
+        (("--response", 7, 2, "--force", 9, "--out", "plate.uff"), "1 to 3"),
+        (("--response", 7, 2, "--duration", 60, "--out", "plate.uff"), "ends before the hit has"),
+        (("--response", 7, 2, "--nodes", "absent.csv", "--out", "plate.uff"), "absent.csv"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_sentence(options, words, records, tmp_path, command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, _, error = command("frf", *(path.name for path in records), *options)
+    assert status == 2
+    assert words in error
+    assert error.count("\n") == 1
+
+
+def test_a_name_without_a_number_needs_the_node(tmp_path, command):
+    path = wav(tmp_path / "hit.wav", made.hit(12))
+    status, _, error = command("frf", path, "--response", 7, 2, "--out", tmp_path / "plate.uff")
+    assert status == 2
+    assert "--reference 12" in error

@@ -1,0 +1,236 @@
+"""`new` writes a config that runs as it is, with what it guessed marked as a guess."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from torchplate.cli.build import load_run
+from torchplate.cli.main import main
+from torchplate.measurement import Channel, Measurement, read_measurement, write_uff
+
+SIDES = (0.42, 0.3)
+TRUTH = {
+    "mesh": {"length_x": SIDES[0], "length_y": SIDES[1], "n_x": 4, "n_y": 2},
+    "effects": {
+        "plate": {
+            "effect": "plate", "youngs_modulus": 70.5e9, "poisson_ratio": 0.33, "density": 2700.0, "thickness": 0.003,
+        },
+        "loss": {"effect": "hysteretic_damping", "stiffness_loss_factor": 0.008},
+    },
+    "modal_test": {
+        "analyser": {
+            "like": "sr785", "span": 400.0, "n_line": 400, "force_window": None, "exponential_window": None,
+            "n_pre_trigger": 32, "n_average": 2,
+        },
+        "response": [1],
+        "refine": 4,
+        "seed": 3,
+    },
+}  # fmt: skip
+Place = tuple[float, float, float]
+
+
+@pytest.fixture(scope="module")
+def roved(tmp_path_factory) -> Measurement:
+    """A virtual roving-hammer test at 3 × 5 points, read at the corner."""
+    folder = tmp_path_factory.mktemp("roved")
+    (folder / "truth.yaml").write_text(json.dumps(TRUTH))
+    assert main(["simulate", str(folder / "truth.yaml"), "--out", str(folder / "test.uff")]) == 0
+    return read_measurement(folder / "test.uff")
+
+
+def written(measurement: Measurement, path: Path, where: Callable[[Place], Place] | None) -> Path:
+    def moved(channel: Channel) -> Channel:
+        place = channel.coordinate
+        return replace(channel, coordinate=None if where is None or place is None else where(place))
+
+    ends = {end: tuple(moved(c) for c in getattr(measurement, end)) for end in ("response", "reference")}
+    write_uff(replace(measurement, **ends), path)
+    return path
+
+
+def turned(place: Place) -> Place:
+    c, s = math.cos(math.radians(27)), math.sin(math.radians(27))
+    x, y, _ = place
+    return 1e3 * (0.1 + c * x - s * y), 1e3 * (s * x + c * y - 0.2), 5.0
+
+
+FRAMES = {
+    "millimetres": (lambda p: (1e3 * p[0], 1e3 * p[1], 0.0), ()),
+    "from the middle": (lambda p: (p[0] - 0.21, p[1] - 0.15, 0.0), ()),
+    "turned": (turned, ()),
+    "sides exchanged": (lambda p: (0.3 - p[1], p[0], 0.0), ("--length", "0.42", "0.3")),
+}
+PLATE = ("--thickness", "0.003", "--material", "aluminium")
+
+
+@pytest.mark.parametrize(("where", "more"), FRAMES.values(), ids=FRAMES)
+def test_the_channels_come_to_their_places_whatever_the_file_counts_from(where, more, roved, tmp_path, command):
+    file = written(roved, tmp_path / "test.uff", where)
+    config = tmp_path / "plate.yaml"
+    status, out, error = command("new", file, *PLATE, *more, "--out", config)
+    assert (status, error) == (0, "")
+    assert "guess: " in out
+    recipe = load_run(config)
+    assert (recipe.config.mesh.length_x.value, recipe.config.mesh.length_y.value) == pytest.approx(SIDES, rel=1e-5)
+    found = recipe.placement(recipe.measurement())
+    expected = [(c.coordinate[0] / SIDES[0], c.coordinate[1] / SIDES[1]) for c in roved.reference]
+    # Which corner of the plate is (0, 0) changes nothing on a rectangle: x and y may both count from the other end.
+    places = torch.tensor(expected, dtype=torch.float64)
+    assert any(
+        torch.allclose((flip - found.reference_place).abs(), places, atol=1e-4)
+        for flip in (torch.tensor([x, y], dtype=torch.float64) for x in (0.0, 1.0) for y in (0.0, 1.0))
+    )
+
+
+def test_the_config_runs_and_finds_the_modulus(roved, tmp_path, command, monkeypatch):
+    # What is drawn is not asked for here, and takes most of the time.
+    monkeypatch.setattr("torchplate.cli.report.save", lambda _, path: path.write_bytes(b""))
+    file = written(roved, tmp_path / "test.uff", turned)
+    config = tmp_path / "plate.yaml"
+    assert command("new", file, *PLATE, "--out", config)[0] == 0
+    text = config.read_text()
+    assert "gain: known" in text
+    assert "# guess: turned by 27 degrees in the file's xy plane" in text
+    assert "elements along the shortest bending wave at 400 Hz" in text
+    model = load_run(config).model()
+    assert model.names == ("plate.youngs_modulus", "loss.stiffness_loss_factor")
+    objective = load_run(config).objective(model)
+    modulus = torch.linspace(67e9, 75e9, 33, dtype=torch.float64)
+    value = objective(torch.stack([modulus, torch.full_like(modulus, 0.008)], dim=1))
+    # The mesh is up to 0.4 % off in frequency, so 1 % in E.
+    assert float(modulus[value.argmin()]) == pytest.approx(70.5e9, rel=0.01)
+    fewer = ("search.n_generation=2", "search.n_member=6", "log.n_figure=0", "mesh.n_x=4", "mesh.n_y=2")
+    overrides = [word for text in fewer for word in ("--set", text)]
+    assert command("run", config, "--out", tmp_path / "run", *overrides)[0] == 0
+    assert (tmp_path / "run" / "result.json").is_file()
+
+
+def test_a_level_in_g_is_not_taken_for_si(roved, tmp_path, command):
+    file = written(replace(roved, frf=roved.frf / 9.81), tmp_path / "test.uff", lambda p: p)
+    assert command("new", file, *PLATE, "--out", tmp_path / "plate.yaml")[0] == 0
+    text = (tmp_path / "plate.yaml").read_text()
+    assert "gain: unknown" in text
+    assert "its unit is not believed" in text
+
+
+def test_a_file_without_places_takes_a_table(roved, tmp_path, command):
+    file = written(roved, tmp_path / "test.uff", None)
+    status, _, error = command("new", file, *PLATE, "--out", tmp_path / "plate.yaml")
+    assert status == 2
+    assert "--nodes nodes.csv" in error
+    assert error.count("\n") == 1
+    rows = [f"{c.node},{1e3 * c.coordinate[0]:.6f},{1e3 * c.coordinate[1]:.6f}" for c in roved.reference]
+    (tmp_path / "nodes.csv").write_text("\n".join(["node,x,y", *rows]))
+    config = tmp_path / "configs" / "plate.yaml"
+    assert command("new", file, *PLATE, "--nodes", tmp_path / "nodes.csv", "--out", config)[0] == 0
+    recipe = load_run(config)
+    assert recipe.raw["measurement"]["nodes"] == "../nodes.csv"
+    assert recipe.placement(recipe.measurement()).by == "coordinate"
+
+
+def test_without_thickness_the_number_of_peaks_brackets_it(roved, tmp_path, command):
+    file = written(roved, tmp_path / "test.uff", lambda p: p)
+    assert command("new", file, "--material", "aluminium", "--out", tmp_path / "plate.yaml")[0] == 0
+    recipe = load_run(tmp_path / "plate.yaml")
+    ends = recipe.raw["effects"]["plate"]["thickness"]
+    assert ends["low"] < 0.003 < ends["high"]
+    assert recipe.raw["measurement"]["gain"] == "unknown"
+    assert "plate.thickness" in recipe.model().names
+
+
+def test_wood_is_searched_along_and_across_the_grain(roved, tmp_path, command):
+    file = written(roved, tmp_path / "test.uff", lambda p: p)
+    options = ("--thickness", "0.003", "--material", "spruce", "--mass", "0.17")
+    assert command("new", file, *options, "--out", tmp_path / "plate.yaml")[0] == 0
+    recipe = load_run(tmp_path / "plate.yaml")
+    assert {"grain.young_ratio", "grain.shear_factor"} < set(recipe.model().names)
+    # 0.17 kg / (0.42 · 0.3 · 0.003 m³)
+    assert recipe.raw["effects"]["plate"]["density"] == pytest.approx(449.7, abs=0.1)
+
+
+def test_supports_and_edges_come_into_the_model(roved, tmp_path, command):
+    file = written(roved, tmp_path / "test.uff", lambda p: p)
+    more = ("--supports", "0.021,0", "0.42,0.15", "--edge", "y1=simply_supported")
+    assert command("new", file, *PLATE, *more, "--out", tmp_path / "plate.yaml")[0] == 0
+    recipe = load_run(tmp_path / "plate.yaml")
+    assert recipe.raw["effects"]["supports"]["at"] == [[0.05, 0], [1, 0.5]]
+    assert recipe.config.mesh.edges == {"y1": "simply_supported"}
+    recipe.model()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--thickness", "3"), "--thickness 0.003"),
+        (("--length", "420", "300"), "--length 0.42 0.3"),
+        (("--length", "0.2", "0.3"), "Correct --length"),
+        (("--length", "-0.4", "0.3"), "above 0 in m"),
+        (("--material", "unobtainium"), "steel, stainless_steel"),
+        (("--supports", "corner"), "--supports 0.05,0"),
+        (("--supports", "0.5,0"), "on the plate"),
+        (("--edge", "left=clamped"), "x0, x1, y0, y1"),
+        (("--edge", "x0=glued"), "clamped"),
+        (("--mass", "0"), "above 0 in kg"),
+        (("--nodes", "absent.csv"), "absent.csv"),
+        (("--out", "plate.txt"), ".yaml"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_sentence(options, words, roved, tmp_path, command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    written(roved, tmp_path / "test.uff", lambda p: p)
+    base = PLATE if "--thickness" not in options else ()
+    more = ("--length", *map(str, SIDES), "--thickness", "0.003") if "--thickness" not in options else (
+        "--length", *map(str, SIDES)
+    )  # fmt: skip
+    more = more if "--length" not in options else ()
+    status, _, error = command("new", "test.uff", *base, *more, *options)
+    assert status == 2
+    assert words in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "test.yaml").exists()
+
+
+def test_a_config_that_exists_is_not_overwritten(roved, tmp_path, command):
+    file = written(roved, tmp_path / "test.uff", lambda p: p)
+    (tmp_path / "plate.yaml").write_text("mine")
+    status, _, error = command("new", file, *PLATE, "--out", tmp_path / "plate.yaml")
+    assert status == 2
+    assert "one that exists" in error
+    assert (tmp_path / "plate.yaml").read_text() == "mine"
+
+
+def test_a_broken_or_absent_file_is_refused(tmp_path, command):
+    (tmp_path / "odd.uff").write_bytes(b"nothing")
+    for name in ("odd.uff", "absent.uff", "test.xyz"):
+        status, _, error = command("new", tmp_path / name, *PLATE, "--out", tmp_path / "plate.yaml")
+        assert status == 2
+        assert name in error
+
+
+def test_the_help_has_an_example(capsys):
+    for verb in ("new", "frf", "inspect"):
+        with pytest.raises(SystemExit):
+            main([verb, "--help"])
+        assert f"torchplate {verb} " in capsys.readouterr().out.split("example")[1]
+
+
+def test_the_measured_spruce_plate_gets_its_published_sides(command, tmp_path):
+    file = Path(__file__).parents[2].parent / "shared" / "data" / "spruce_5L.uff"
+    if not file.is_file():
+        pytest.skip(f"{file} is absent: the measured files are not part of the project")
+    config = tmp_path / "spruce.yaml"
+    options = ("--thickness", "0.00503", "--mass", "0.2728", "--material", "spruce")
+    assert command("new", file, *options, "--out", config)[0] == 0
+    recipe = load_run(config)
+    assert recipe.config.mesh.length_x.value == pytest.approx(0.5814, abs=1e-6)
+    assert recipe.config.mesh.length_y.value == pytest.approx(0.2176, abs=1e-6)
+    # Its level is 1.5 times that of such a plate, and the accelerometer was read upside down.
+    assert recipe.config.measurement.gain == "unknown"
+    low, high = recipe.config.measurement.band
+    assert 20 < low < 60 < 250 < high < 600
