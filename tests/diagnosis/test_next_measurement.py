@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from torchplate.diagnosis.next_measurement import CHECKS, next_measurements
+from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.effects import CATALOGUE
 
 CALM = {"unexplained": False, "few": False, "symmetric": False}
@@ -29,7 +29,10 @@ def test_the_cheapest_comes_first_and_one_effect_fewer_than_there_are_is_asked()
     assert "calliper" in said[1]
     # Whatever set it comes from.
     said = next_measurements([("time_delay", "exponential_window"), ("thickness", "density")], **CALM)
-    costs = [next(cost for cost, text in CHECKS.values() if one.startswith(text)) for one in said]
+    costs = [
+        next(kind.check.cost for kind in CATALOGUE.values() if kind.check and one.startswith(kind.check.action))
+        for one in said
+    ]
     assert costs == sorted(costs)
     assert len(said) == 2
 

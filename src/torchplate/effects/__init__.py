@@ -10,7 +10,7 @@ from torchplate.effects.channel_swap import ChannelSwap
 from torchplate.effects.damping_patch import DampingPatch
 from torchplate.effects.density import Density
 from torchplate.effects.edge_spring import EdgeSpring
-from torchplate.effects.effect import CATALOGUE, Channel, Effect, SensorChain, find_effect, options
+from torchplate.effects.effect import CATALOGUE, Channel, Check, Effect, SensorChain, find_effect, options
 from torchplate.effects.exponential_window import ExponentialWindow
 from torchplate.effects.ground_dashpot import GroundDashpot
 from torchplate.effects.ground_spring import GroundSpring
@@ -37,6 +37,7 @@ __all__ = [
     "Channel",
     "ChannelPolarity",
     "ChannelSwap",
+    "Check",
     "DampingPatch",
     "Density",
     "EdgeSpring",

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, positive
 from torchplate.plate import Geometry
 
@@ -12,6 +12,7 @@ class AspectRatio(Effect):
     """Sides Lx/√r and Ly √r, r = (Ly/Lx) over nominal: the area is kept, and nodes stay at their relative places."""
 
     parameters = {"ratio": Parameter("-", "Ly/Lx over its nominal value", positive, neutral=1.0, prior=Prior(0.9, 1.1))}
+    check = Check(1, "measure both sides with a ruler, to 0.5 mm")
     acts_on = frozenset({"geometry"})
     shows = (
         "Modes that bend along x move one way and those along y the other; twist and equally bent modes hardly move."

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 
-from torchplate.effects.effect import Channel, Effect, SensorChain, Value
+from torchplate.effects.effect import Channel, Check, Effect, SensorChain, Value
 from torchplate.plate import Geometry, Mesh
 
 
@@ -25,6 +25,7 @@ class ChannelPolarity(Effect):
     channels: Sequence[Channel] = ()
 
     parameters = {}
+    check = Check(2, "tap beside each sensor and look at the sign of the first half wave")
     acts_on = frozenset({"sensor chain"})
     shows = (
         "Some FRFs are right but for 180° at every frequency; where they are driving points Im H has the wrong sign."

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 
-from torchplate.effects.effect import Channel, Effect, SensorChain, Value
+from torchplate.effects.effect import Channel, Check, Effect, SensorChain, Value
 from torchplate.plate import Geometry, Mesh
 
 
@@ -25,6 +25,7 @@ class ChannelSwap(Effect):
     channels: Sequence[Channel] = ()
 
     parameters = {}
+    check = Check(2, "tap beside each sensor and see which channel answers")
     acts_on = frozenset({"sensor chain"})
     shows = "Two FRFs fit each other's place, antiresonances and all, and reciprocity fails for them alone."
     source = "Ewins, Modal Testing (2000), on reciprocity as a check of measured data"

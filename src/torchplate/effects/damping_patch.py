@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative, unit_interval
 from torchplate.plate import Mesh, Section
 from torchplate.plate.laminate import laminate
@@ -31,6 +31,7 @@ class DampingPatch(Effect):
             prior=Prior(1e-3, 1.0, logarithmic=True),
         ),
     }
+    check = Check(4, "put a second sensor near the suspected place, and take the local decay")
     acts_on = frozenset({"damping", "section"})
     shows = "Rounds the peaks of modes that bend in the patch and no others; frequencies stay."
     source = "Ungar and Kerwin, Loss factors of viscoelastic systems in terms of energy concepts, JASA 34 (1962) 954"

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, positive
 from torchplate.plate import Mesh, Section
 
@@ -22,6 +22,7 @@ class Density(Effect):
             prior=Prior(0.8, 1.2, logarithmic=True, relative_to="density"),
         )
     }
+    check = Check(1, "weigh the plate: a scale good to 0.5 % settles the density")
     acts_on = frozenset({"section"})
     shows = (
         "All bending frequencies move by one ratio, and the level moves with it; weighing the plate tells it from E."

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative
 from torchplate.plate import Local, Mesh
 from torchplate.plate.mesh import EDGES
@@ -50,6 +50,7 @@ class EdgeSpring(Effect):
             prior=Prior(0.01, 1e3, logarithmic=True, relative_to="plate"),
         ),
     }
+    check = Check(2, "free the edge, or clamp it tighter, and test again")
     acts_on = frozenset({"stiffness"})
     shows = "Lifts every mode that moves or turns at the edge, towards those of a pinned or clamped edge."
     source = "Timoshenko and Woinowsky-Krieger, Theory of Plates and Shells (1959), article 22"

@@ -75,6 +75,18 @@ def _labelled(mesh: Mesh, label: Float[Tensor, "n_point 2"] | None, point: Point
     return (distance <= NEAR) & (distance <= distance.amin() + 1e-9)
 
 
+class Check(NamedTuple):
+    """The cheapest measurement that tells an effect from those that look like it.
+
+    Attributes:
+        cost: 1 for a look or a ruler, 5 for another specimen.
+        action: what to do, for a person.
+    """
+
+    cost: int
+    action: str
+
+
 CATALOGUE: dict[str, type["Effect"]] = {}
 
 
@@ -95,6 +107,7 @@ class Effect(ABC):
     shows: ClassVar[str]
     source: ClassVar[str]
     stage: ClassVar[int] = 2
+    check: ClassVar[Check | None] = None
 
     def __init_subclass__(cls) -> None:
         """Enter the catalogue under the class's name in snake case."""

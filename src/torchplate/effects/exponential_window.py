@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, SensorChain, Value
+from torchplate.effects.effect import Check, Effect, SensorChain, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative
 from torchplate.plate import Geometry, Mesh
 
@@ -16,6 +16,7 @@ class ExponentialWindow(Effect):
             "1/s", "1/time constant of the window", nonnegative, neutral=0.0, prior=Prior(0.0, 1.0, relative_to="plate")
         )
     }
+    check = Check(1, "look up the window in the analyser's set-up, or record once without it")
     acts_on = frozenset({"sensor chain"})
     shows = "Every peak is wider by the same number of hertz, rate/π; β widens it in proportion to its frequency."
     source = "Fladung and Rost, Application and correction of the exponential window, MSSP 11 (1997) 23"

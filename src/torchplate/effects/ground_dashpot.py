@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative, unit_interval
 from torchplate.plate import Local, Mesh
 
@@ -24,6 +24,7 @@ class GroundDashpot(Effect):
             prior=Prior(1e-4, 10.0, logarithmic=True, relative_to="plate"),
         ),
     }
+    check = Check(2, "look for what touches the plate at the place found, and test without it")
     acts_on = frozenset({"damping"})
     shows = (
         "Widens every mode that moves there by the same number of hertz per φ²; a mode with a nodal line there stays."

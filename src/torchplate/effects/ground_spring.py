@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative, unit_interval
 from torchplate.plate import Local, Mesh
 
@@ -24,6 +24,7 @@ class GroundSpring(Effect):
             prior=Prior(0.03, 1e3, logarithmic=True, relative_to="plate"),
         ),
     }
+    check = Check(2, "look for what touches the plate at the place found, and test without it")
     acts_on = frozenset({"stiffness"})
     shows = (
         "Lifts every mode that moves there, low modes most since ω² grows by kφ²; a mode with a nodal line there stays."

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative
 from torchplate.plate import Proportional
 
@@ -19,6 +19,7 @@ class HystereticDamping(Effect):
             "1/s²", "η: part of M in quadrature", nonnegative, neutral=0.0, prior=Prior(0.0, 100.0, relative_to="plate")
         ),
     }
+    check = Check(3, "record free decays of a low and a high mode: the decay rates part the laws of damping")
     acts_on = frozenset({"damping"})
     shows = "Rounds every peak by the same fraction of its frequency (β), or the low ones more (η)."
     source = "seed paper, Eq. 17–18; Ewins, Modal Testing (2000), section 2.4"

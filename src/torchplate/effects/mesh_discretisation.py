@@ -3,7 +3,7 @@
 import dataclasses
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect
+from torchplate.effects.effect import Check, Effect
 from torchplate.plate import Mesh
 
 
@@ -26,6 +26,7 @@ class MeshDiscretisation(Effect):
     extrapolate: bool = False
 
     parameters = {}
+    check = Check(1, "raise mesh.refine")
     acts_on = frozenset({"discretisation"})
     shows = "The model's frequencies are off by a part that grows with frequency, and a finer mesh brings them nearer."
     source = "Strang and Fix, An Analysis of the Finite Element Method (1973), chapter 6"

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, positive
 from torchplate.plate import Mesh, Section
 
@@ -22,6 +22,7 @@ class Orthotropy(Effect):
             "-", "g: G over its isotropic value", positive, neutral=1.0, prior=Prior(0.2, 5.0, logarithmic=True)
         ),
     }
+    check = Check(4, "test a strip cut along each side, or twist the plate statically: E_x, E_y and G part there")
     acts_on = frozenset({"section"})
     shows = (
         "Modes that bend along x and along y part, and modes that twist move alone where G is not the isotropic one."

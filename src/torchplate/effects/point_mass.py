@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative, unit_interval
 from torchplate.plate import Local, Mesh
 
@@ -24,6 +24,7 @@ class PointMass(Effect):
             prior=Prior(0.0, 0.1, relative_to="plate"),
         ),
     }
+    check = Check(1, "look for what is mounted at the place found, and weigh it")
     acts_on = frozenset({"mass"})
     shows = "Lowers every mode in proportion to its squared deflection there; a mode with a nodal line there stays."
     source = "Ewins, Modal Testing (2000), transducer mass loading"

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior
 from torchplate.effects.plate import Plate
 from torchplate.plate import Mesh, Section
@@ -23,6 +23,7 @@ class PoissonRatio(Effect):
             prior=Prior(0.5, 1.5, relative_to="poisson_ratio"),
         )
     }
+    check = Check(5, "measure a torsion mode and a bending mode of a strip of the same sheet")
     acts_on = frozenset({"section"})
     shows = "Modes that twist move against modes that bend; with free edges some pairs of modes part or meet."
     source = "Leissa, The free vibration of rectangular plates, J. Sound Vib. 31 (1973) 257"

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, SensorChain, Value
+from torchplate.effects.effect import Check, Effect, SensorChain, Value
 from torchplate.effects.parameter import Parameter, Prior, positive
 from torchplate.plate import Geometry, Mesh
 
@@ -16,6 +16,7 @@ class SensorGain(Effect):
             "-", "reading over the true FRF", positive, neutral=1.0, prior=Prior(0.3, 3.0, logarithmic=True)
         )
     }
+    check = Check(3, "calibrate the chain: hit a freely hung block of known mass, where a/F must be 1/m")
     acts_on = frozenset({"sensor chain"})
     shows = "All FRFs are off by one factor at all frequencies, and resonances sit where they should."
     source = "Ewins, Modal Testing (2000), on calibration: a known mass tells the gain of the whole chain"

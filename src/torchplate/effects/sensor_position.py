@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 
-from torchplate.effects.effect import Effect, SensorChain, Value
+from torchplate.effects.effect import Check, Effect, SensorChain, Value
 from torchplate.effects.parameter import Parameter, Prior
 from torchplate.plate import Geometry, Mesh
 
@@ -28,6 +28,7 @@ class SensorPosition(Effect):
             "m", "how far along y the sensor sits off", neutral=0.0, prior=Prior(-0.1, 0.1, relative_to="plate")
         ),
     }
+    check = Check(1, "measure with a ruler where the sensor sits")
     acts_on = frozenset({"sensor chain"})
     shows = (
         "Frequencies stay, while the levels of the modes change by the ratio of their deflections; antiresonances move."

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, positive, unit_interval
 from torchplate.plate import Mesh, Section
 from torchplate.plate.laminate import laminate
@@ -26,6 +26,7 @@ class StiffnessLoss(Effect):
             "-", "bending stiffness there over the sound one", positive, neutral=1.0, prior=Prior(0.1, 1.5)
         ),
     }
+    check = Check(3, "look at the place found (dye, tap test), and add a sensor off the symmetry line near it")
     acts_on = frozenset({"section"})
     shows = "Lowers each mode in proportion to its strain energy in the patch; modes that do not bend there stay."
     source = "Cawley and Adams, The location of defects in structures, J. Strain Analysis 14 (1979) 49"

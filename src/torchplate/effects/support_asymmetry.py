@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 
-from torchplate.effects.effect import Effect, Point, Value
+from torchplate.effects.effect import Check, Effect, Point, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative
 from torchplate.effects.support_spring import SupportTerms
 from torchplate.plate import Local, Mesh
@@ -40,6 +40,7 @@ class SupportAsymmetry(Effect):
     at: Sequence[Sequence[float]] = ()
 
     parameters = {"factor_1": FACTOR}
+    check = Check(3, "load each support with a known weight and measure how far it gives")
     acts_on = frozenset({"stiffness"})
     shows = "Parts and turns the rigid-body modes on the supports; hardly moves the bending modes."
     source = "Ewins, Modal Testing (2000), on the support of the test structure; statics of a rigid body on springs"

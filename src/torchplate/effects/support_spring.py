@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative
 from torchplate.plate import Local, Mesh
 
@@ -42,6 +42,7 @@ class SupportSpring(Effect):
             prior=Prior(1e-4, 10.0, logarithmic=True, relative_to="plate"),
         ),
     }
+    check = Check(2, "look for a further support at the place found, and test without it")
     acts_on = frozenset({"stiffness", "damping"})
     shows = "Lifts the rigid-body modes off zero and damps them; hardly moves the bending modes."
     source = "seed paper, after Eq. 18"

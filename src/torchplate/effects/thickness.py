@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, positive
 from torchplate.plate import Mesh, Section
 
@@ -22,6 +22,7 @@ class Thickness(Effect):
             prior=Prior(0.9, 1.1, logarithmic=True, relative_to="thickness"),
         )
     }
+    check = Check(2, "measure the thickness with a calliper at several points, to 0.01 mm")
     acts_on = frozenset({"section"})
     shows = (
         "All bending frequencies move by one ratio, that of h, and the level with the mass; E and ρ do nearly the same."

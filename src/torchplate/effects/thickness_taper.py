@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Interval, Parameter, Prior
 from torchplate.plate import Mesh, Section
 
@@ -22,6 +22,7 @@ class ThicknessTaper(Effect):
             "-", "change of h from y = 0 to y = 1, over h", SLOPE, neutral=0.0, prior=Prior(-0.3, 0.3)
         ),
     }
+    check = Check(2, "measure the thickness with a calliper near all four corners")
     acts_on = frozenset({"section"})
     shows = (
         "Mode shapes lean to the thin side, so FRFs at opposite ends differ; frequencies move by the slope's square."

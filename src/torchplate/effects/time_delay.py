@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, SensorChain, Value
+from torchplate.effects.effect import Check, Effect, SensorChain, Value
 from torchplate.effects.parameter import Parameter, Prior
 from torchplate.plate import Geometry, Mesh
 
@@ -16,6 +16,7 @@ class TimeDelay(Effect):
             "s", "τ: how late the response is recorded", neutral=0.0, prior=Prior(-0.01, 0.01, relative_to="plate")
         )
     }
+    check = Check(3, "send one signal to both channels of the analyser and read the phase between them")
     acts_on = frozenset({"sensor chain"})
     shows = "The phase falls by 360° · delay per hertz on all FRFs alike; amplitudes stay."
     source = "Oppenheim and Schafer, Discrete-Time Signal Processing (1989), the shift theorem"

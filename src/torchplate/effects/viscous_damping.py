@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Effect, Value
+from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative
 from torchplate.plate import Proportional
 
@@ -19,6 +19,7 @@ class ViscousDamping(Effect):
             "s", "b: viscous matrix over K", nonnegative, neutral=0.0, prior=Prior(0.0, 1e-3, relative_to="plate")
         ),
     }
+    check = Check(3, "record free decays of a low and a high mode: the decay rates part the laws of damping")
     acts_on = frozenset({"damping"})
     shows = "Rounds low peaks by mass_coefficient and high peaks by stiffness_coefficient."
     source = "Rayleigh, Theory of Sound (1877); Ewins, Modal Testing (2000), section 2.5"

@@ -19,6 +19,7 @@ from torchplate.effects import SensorChain
 from torchplate.model.attach import attach, terms_first
 from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum
 from torchplate.plate import Proportional, System
+from torchplate.plate.transforms import is_vmapped
 
 KINDS = ("receptance", "mobility", "accelerance", "transmissibility")
 DERIVATIVE = {"receptance": 0, "mobility": 1, "accelerance": 2}
@@ -220,23 +221,16 @@ def _solve_modal(
 
 def _is_diagonal(hysteretic: Tensor) -> bool:
     """Whether it couples no modes; under `vmap` nobody may look."""
-    try:
-        return not bool((hysteretic - torch.diag_embed(hysteretic.diagonal(dim1=-2, dim2=-1))).any())
-    except RuntimeError:
+    if is_vmapped(hysteretic):
         return False
+    return not bool((hysteretic - torch.diag_embed(hysteretic.diagonal(dim1=-2, dim2=-1))).any())
 
 
 def _has_complex_modes(proportional: Proportional, *matrices: Tensor) -> bool:
     """Whether the same complex modes serve all lines: K is times one number at all of them."""
-    if torch.is_grad_enabled():
+    if torch.is_grad_enabled() or is_vmapped(proportional.stiffness_coefficient, *matrices):
         return False
-    try:
-        for matrix in matrices:
-            bool(matrix.any())
-        return not bool(torch.as_tensor(proportional.stiffness_coefficient).any())
-    except RuntimeError:
-        # Under `vmap` nobody may look.
-        return False
+    return not bool(torch.as_tensor(proportional.stiffness_coefficient).any())
 
 
 def _by_uncoupled_modes(

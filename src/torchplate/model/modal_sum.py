@@ -18,6 +18,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from torchplate.plate.transforms import is_vmapped
+
 # A mode is far from a block of lines if its ρ is at least RHO: n terms of the series then leave RHO^−n of what it adds
 # to the FRF. The series is for z near the real axis: damping widens the block by WIDENED times its Im z.
 RHO = 3.0
@@ -39,12 +41,11 @@ class Disc(NamedTuple):
     @classmethod
     def around(cls, z: Complex[Tensor, "*batch"], eigenvalue: Float[Tensor, "*more"]) -> "Disc | None":
         """The one that holds all z; None under `vmap`, where nobody may look."""
-        try:
-            parts = torch.view_as_real(z.detach()).flatten(0, -2)
-            (low, down), (high, up) = (found.tolist() for found in (parts.amin(0), parts.amax(0)))
-            highest = float(eigenvalue.detach().amax())
-        except RuntimeError:
+        if is_vmapped(z, eigenvalue):
             return None
+        parts = torch.view_as_real(z.detach()).flatten(0, -2)
+        (low, down), (high, up) = (found.tolist() for found in (parts.amin(0), parts.amax(0)))
+        highest = float(eigenvalue.detach().amax())
         # A single line has no width of its own.
         off = max(-down, up)
         return cls(0.5 * (low + high), max(0.5 * (high - low), WIDENED * off, 1e-3 * abs(high), 1e-9 * highest))

@@ -30,7 +30,7 @@ from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, reci
 from torchplate.model.modes import solve_modes
 from torchplate.plate import Assembly, Plan, Proportional
 from torchplate.plate.assemble import concatenate
-from torchplate.plate.transforms import REMEMBERED, transformed
+from torchplate.plate.transforms import REMEMBERED, is_vmapped, transformed
 
 # Attaching terms one after the other costs the square of their number; with more, one `eigh` each is cheaper.
 MOST_TERMS = 12
@@ -159,14 +159,12 @@ class SharedModes(nn.Module):
         """Where z of each block of lines may be in the box; None of members beyond it, or a bent s: nobody knows."""
         if laplace.ndim > 1 or torch.is_inference_mode_enabled():
             return None
-        try:
-            for part, (low, high) in zip((ratio, *damping), self.ends.tolist(), strict=True):
-                least, greatest = part.detach().aminmax() if isinstance(part, Tensor) else (part, part)
-                if float(least) < low - ALIKE * abs(low) or float(greatest) > high + ALIKE * abs(high):
-                    return None
-        except RuntimeError:
-            # Under `vmap` nobody may look.
+        if is_vmapped(ratio, *damping):
             return None
+        for part, (low, high) in zip((ratio, *damping), self.ends.tolist(), strict=True):
+            least, greatest = part.detach().aminmax() if isinstance(part, Tensor) else (part, part)
+            if float(least) < low - ALIKE * abs(low) or float(greatest) > high + ALIKE * abs(high):
+                return None
         key = None if transformed() else (laplace.device, laplace.dtype, at_once, laplace.cpu().numpy().tobytes())
         found = self._stretches.get(key)
         if found is None:

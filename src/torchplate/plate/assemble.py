@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from torchplate.plate import element
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Geometry, Local, Proportional, Section, System
-from torchplate.plate.transforms import REMEMBERED, stays
+from torchplate.plate.transforms import REMEMBERED, is_vmapped, stays
 
 # Fixed matrices, of a uniform plate and of projected elements, are kept up to these sizes; beyond they are made anew.
 UNIFORM_BYTES, ELEMENT_BYTES = 256 * 2**20, 512 * 2**20
@@ -325,12 +325,10 @@ class Assembly(nn.Module):
 
 def _not_zero(coefficient: Float[Tensor, "*batch n_element n_pattern"]) -> Tensor | None:
     """The elements of which a coefficient of any member is not zero; None where these are most, or nobody may look."""
-    try:
-        some = coefficient.detach().ne(0).any(-1)
-        found = torch.nonzero(some.reshape(-1, some.shape[-1]).any(0)).flatten()
-    except RuntimeError:
-        # Under `vmap`.
+    if is_vmapped(coefficient):
         return None
+    some = coefficient.detach().ne(0).any(-1)
+    found = torch.nonzero(some.reshape(-1, some.shape[-1]).any(0)).flatten()
     return found if 2 * len(found) < coefficient.shape[-2] else None
 
 
