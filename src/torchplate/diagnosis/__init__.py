@@ -1,5 +1,6 @@
 """Where simulation and measurement disagree, which effect is missing, and the gap once it is added.
 
+- `settings`: what is taken for granted, with its reasons.
 - `candidates`: what may be missing; `selection`: which of it is added.
 - `table`: the same for a table of natural frequencies, where every hypothesis can be weighed.
 - `holdout`: the FRFs that no fit sees; `tolerance`: numbers that are known as well as a ruler knows them.

@@ -284,7 +284,7 @@ class Ranking:
         if tighter is not None:
             found = replace(found, coincidence=tighter.coincidence)
         wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
-        supports = [self.refitted(state, candidate, theta) for candidate in wanted]
+        supports = [self._priced(self.refitted(state, candidate, theta), found) for candidate in wanted]
         best = min(supports, key=lambda one: one.fit.square)
         stopped_short = best.fit.square < (1 - SHORT) * found.fit.square and not is_noise(found.fit)
         if tighter is None and stopped_short and not taken_up:
@@ -292,6 +292,21 @@ class Ranking:
             if again.fit.square < (1 - SHORT) * found.fit.square:
                 return self.as_supports(state, again, taken_up=True)
         return found, supports
+
+    def _priced(self, support: Hypothesis, found: Hypothesis) -> Hypothesis:
+        """A support at a place that a spring or dashpot has found, with what the choice of the place costs.
+
+        A labelled node is one of many; any other place is known as well as the fit that found it says.
+        """
+        mesh = self.builder.mesh
+        if "nodes" in support.candidate.options and support.name == "support_spring":
+            return replace(support, n_option=mesh.n_label)
+        if "at" not in support.candidate.options or support.name != "support_spring":
+            return support
+        index = [found.fit.model.names.index(f"{found.label}.{axis}") for axis in ("x", "y")]
+        spread = found.fit.covariance[index][:, index].det().clamp(min=1e-300)
+        part = 2 * math.pi * float(spread.nan_to_num(1.0)) ** 0.5
+        return replace(support, coincidence=max(0.0, -2 * math.log(min(1.0, part))))
 
     def _from_support(self, state: State, found: Hypothesis, support: Hypothesis) -> Hypothesis:
         """What is grounded at a place, fitted from where a support at that place took the rest of the model."""
