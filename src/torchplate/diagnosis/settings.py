@@ -35,6 +35,20 @@ class Comparison:
 
 
 @dataclass(frozen=True)
+class Lines:
+    """How many lines of a large test are looked at; noise is estimated from all.
+
+    Args:
+        most_numbers: real numbers of all FRFs together, at most [-]: six times as many as any test counts as
+            (`Comparison.misspecified`).
+        least: lines that are kept in any case [-]: some ten for each mode of a band with forty.
+    """
+
+    most_numbers: int = 60_000
+    least: int = 400
+
+
+@dataclass(frozen=True)
 class DiagnosisSettings:
     """All of them, by stage.
 
@@ -42,8 +56,10 @@ class DiagnosisSettings:
         knowledge: how well noise and nuisances are known.
         wandering: of the plate's section.
         comparison: of hypotheses.
+        lines: how many are looked at.
     """
 
     knowledge: Knowledge = field(default_factory=Knowledge)
     wandering: Wandering = field(default_factory=Wandering)
     comparison: Comparison = field(default_factory=Comparison)
+    lines: Lines = field(default_factory=Lines)

@@ -169,6 +169,11 @@ class Measurement:
         coherence = None if self.coherence is None else self.coherence[keep]
         return replace(self, frequency=self.frequency[keep], frf=self.frf[keep], coherence=coherence)
 
+    def every(self, step: int) -> "Measurement":
+        """Every so manieth line, the first among them."""
+        coherence = None if self.coherence is None else self.coherence[::step]
+        return replace(self, frequency=self.frequency[::step], frf=self.frf[::step], coherence=coherence)
+
     def select(self, keep: Bool[Tensor, "n_response n_reference"]) -> "Measurement":
         """Keep the measured pairs where `keep` is True; channels left without any pair go.
 

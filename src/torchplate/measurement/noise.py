@@ -19,7 +19,7 @@ coherence.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import torch
@@ -71,6 +71,11 @@ class Noise:
     floor: float
     sentences: tuple[str, ...]
     slope: Float[Tensor, "n_frequency n_response n_reference"]
+
+    def every(self, step: int) -> "Noise":
+        """Of every so manieth line."""
+        said = f"Of the lines every {step}th is looked at: this many FRFs say no more with all of them."
+        return replace(self, std=self.std[::step], slope=self.slope[::step], sentences=(*self.sentences, said))
 
 
 def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise:

@@ -24,7 +24,7 @@ from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
 from torchplate.diagnosis.summary import summarise
 from torchplate.diagnosis.table import diagnose_table
-from torchplate.diagnosis.target import FrfTarget, Target
+from torchplate.diagnosis.target import SETTINGS, FrfTarget, Target
 from torchplate.diagnosis.tolerance import with_tolerances
 from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies
 from torchplate.measurement.noise import noise_level
@@ -95,6 +95,8 @@ def diagnose(
         return diagnose_table(model, natural_frequencies, tolerance=tolerance, say=say)
     began = time.monotonic()
     noise = noise_level(measurement, n_average)
+    if (step := _step(measurement)) > 1:
+        measurement, noise = measurement.every(step), noise.every(step)
     target = FrfTarget(
         measurement, noise, held_out(measurement.measured, seed), gain_is_unknown, imperfections or Imperfections()
     )
@@ -112,6 +114,14 @@ def diagnose(
         Trace(selection.builder, noise, given, selection.begun, state, tuple(looks), selection.prior),
         time.monotonic() - began,
     )
+
+
+def _step(measurement: Measurement) -> int:
+    """Of how many lines one is looked at."""
+    lines = SETTINGS.lines
+    n = len(measurement.frequency)
+    numbers = 2 * n * len(measurement.pairs)
+    return max(1, min(-(-numbers // lines.most_numbers), n // lines.least))
 
 
 class ForwardSelection:
