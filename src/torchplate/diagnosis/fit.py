@@ -257,8 +257,15 @@ def fit(
     return _rescaled(builder, corrected, reduced, prior, position)
 
 
-def _rescaled(builder: ModelBuilder, model: PlateModel, reduced: PlateModel, prior: Prior, position: Tensor) -> Fit:
-    """Judged where it ended; and fitted on beside nuisances that turn out smaller than was said."""
+def _rescaled(
+    builder: ModelBuilder,
+    model: PlateModel,
+    reduced: PlateModel,
+    prior: Prior,
+    position: Tensor,
+    fitted_on: bool = True,
+) -> Fit:
+    """Judged where it ended; and fitted on beside nuisances that turn out smaller than was said, unless told not to."""
     target = builder.target
     marginal = target.marginal(reduced, model.space.to_si(position))
     found = _judged(builder, model, reduced, prior, position, marginal)
@@ -267,7 +274,7 @@ def _rescaled(builder: ModelBuilder, model: PlateModel, reduced: PlateModel, pri
         if all(scale > FEWER * found.marginal.scale.get(name, 1.0) for name, scale in smaller.items()):
             break
         marginal = marginal.rescaled(smaller)
-        if len(model.names):
+        if len(model.names) and fitted_on:
             problem = Problem(builder, reduced, prior, marginal)
             position = problem.descend(position[None], target.levels - 1, N_TOGETHER)[0][0]
         found = _judged(builder, model, reduced, prior, position, marginal)
@@ -275,9 +282,8 @@ def _rescaled(builder: ModelBuilder, model: PlateModel, reduced: PlateModel, pri
 
 
 def judged_at(builder: ModelBuilder, fit: Fit, prior: Prior, position: Tensor) -> Fit:
-    """A model that was fitted beside other evidence, as it is."""
-    marginal = builder.target.marginal(fit.reduced, fit.theta)
-    return _judged(builder, fit.model, fit.reduced, prior, position, marginal)
+    """A model that was fitted beside other evidence, as it is; beside nuisances as large as any fit's are judged at."""
+    return _rescaled(builder, fit.model, fit.reduced, prior, position, fitted_on=False)
 
 
 def _judged(

@@ -170,7 +170,7 @@ class Measurement:
         return replace(self, frequency=self.frequency[keep], frf=self.frf[keep], coherence=coherence)
 
     def every(self, step: int) -> "Measurement":
-        """Every so manieth line, the first among them."""
+        """Every `step`-th line, the first among them."""
         coherence = None if self.coherence is None else self.coherence[::step]
         return replace(self, frequency=self.frequency[::step], frf=self.frf[::step], coherence=coherence)
 

@@ -73,7 +73,7 @@ class Noise:
     slope: Float[Tensor, "n_frequency n_response n_reference"]
 
     def every(self, step: int) -> "Noise":
-        """Of every so manieth line."""
+        """Of every `step`-th line."""
         said = f"Of the lines every {step}th is looked at: this many FRFs say no more with all of them."
         return replace(self, std=self.std[::step], slope=self.slope[::step], sentences=(*self.sentences, said))
 

@@ -9,7 +9,7 @@ L with the nuisances integrated out. w tempers the likelihood, because noise and
 numbers count as n_eff = w n. Where noise is left, 1/n_eff = 1/n + ε; where more is left, the rest is not
 independent from line to line, and it says no more than there are frequencies, dampings and deflections of modes:
 
-    1/n_eff = (1 − u − v) (1/n + ε) + u / n_modal + v / (2 n_mode),
+    1/n_eff = (1 − u − v) / n₀ + u / min(n₀, n_modal) + v / min(n₀, 2 n_mode),    1/n₀ = 1/n + ε,
 
 u = (1 − v) (1 − 1/κ²) the part of what is left that is not noise, and v the part of the variance that the second order
 of the nuisances makes: modes that wander by more than their width, each with a frequency and a damping that all FRFs
@@ -118,9 +118,10 @@ def weight_of(fits: Sequence[Fit]) -> float:
     n = max(1.0, best.judged.n)
     second = best.judged.second_order
     unexplained = (1 - second) * max(0.0, 1 - 1 / max(1e-9, best.judged.noise_scale) ** 2)
-    independent = (1 - second - unexplained) * (1 / n + best.comparison.misspecified)
-    shared = unexplained / best.n_modal + second / (2 * best.n_mode)
-    return min(1.0, 1 / (n * (independent + shared)))
+    independent = 1 / n + best.comparison.misspecified
+    # What is left of few lines, or of very many modes, says no more than as many independent numbers do.
+    shared = unexplained * max(independent, 1 / best.n_modal) + second * max(independent, 1 / (2 * best.n_mode))
+    return min(1.0, 1 / (n * ((1 - second - unexplained) * independent + shared)))
 
 
 def choose(hypotheses: Sequence[Hypothesis], none: Fit, best: Hypothesis | None = None) -> Choice:
