@@ -19,7 +19,8 @@ class Density(Effect):
             "kg/m³",
             "mass per volume ρ, in place of the plate's",
             positive,
-            prior=Prior(0.8, 1.2, logarithmic=True, relative_to="density"),
+            # The material of another line of the table, too.
+            prior=Prior(0.5, 2.0, logarithmic=True, relative_to="density"),
         )
     }
     check = Check(1, "weigh the plate: a scale good to 0.5 % settles the density")

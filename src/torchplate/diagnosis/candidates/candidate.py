@@ -6,7 +6,7 @@ of their options. A new effect is a candidate as soon as it is in the catalogue.
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -96,6 +96,7 @@ def candidates(
     theta: Tensor,
     channels: Channels,
     rearranged: Rearrangements | None = None,
+    told: Collection[str] = (),
 ) -> list[Candidate]:
     """Every effect that this model may lack, once for each choice of its options.
 
@@ -104,6 +105,7 @@ def candidates(
         theta: its searched parameters.
         channels: labels of the responses and references that were measured.
         rearranged: exchanges and turns of them that promise something; None where there are none.
+        told: searched numbers of the model that somebody has said how well he knows: he may have been wrong.
     """
     plan = model.plan(theta)
     found = []
@@ -115,7 +117,7 @@ def candidates(
             free = {
                 key: parameter
                 for key, parameter in effect.parameters.items()
-                if parameter.prior is not None and not _already_searched(model, effect, key)
+                if parameter.prior is not None and not _already_searched(model, effect, key, told)
             }
             relative = name == "support_asymmetry" and f"{support_of(model, chosen)}.stiffness" in model.names
             if relative:
@@ -182,12 +184,13 @@ def _choices(
         yield {}
 
 
-def _already_searched(model: PlateModel, effect: Effect, key: str) -> bool:
+def _already_searched(model: PlateModel, effect: Effect, key: str, told: Collection[str]) -> bool:
     """Whether the model searches the same parameter of the same effect; two of them could not be told apart."""
     if "x" in effect.parameters:
         return False
     plate = next(label for label, own in model.effects.items() if own.name == "plate")
-    if f"{plate}.{effect.name}" in model.names:
+    own_number = f"{plate}.{effect.name}"
+    if own_number in model.names and own_number not in told:
         return True
     return any(
         type(own) is type(effect) and own == effect and f"{label}.{key}" in model.names

@@ -72,7 +72,7 @@ class Ranking:
         builder, misfit = self.builder, state.fit.reduced_misfit
         base = builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
         rearranged = self._rearranged(state)
-        everyone = candidates(base, state.fit.theta, self.channels, rearranged)
+        everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys())
         self.say(f"scoring {len(everyone)} candidates")
         self._n_option = {one.name: sum(other.name == one.name for other in everyone) for one in everyone}
         if rearranged is not None:
