@@ -63,7 +63,7 @@ def diagnosed(tmp_path_factory, make_config) -> SimpleNamespace:
 
 
 NUMBER = (int, float)
-GAP = {"metric", "baseline", "final", "heldout_baseline", "heldout_final", "noise_floor"}
+GAP = {"metric", "baseline", "final", "heldout_baseline", "heldout_final", "noise_floor", "expected"}
 
 
 def test_diagnosis_json_is_what_the_contract_says(diagnosed):

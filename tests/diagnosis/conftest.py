@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate, candidates, channels_of
-from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.fit import Fit, fit, judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.selection.criterion import Hypothesis
 from torchplate.diagnosis.selection.ranking import Ranking
@@ -121,6 +121,12 @@ def small_plate(searched=None, gain=1.0, mass=0.0, wire=()) -> PlateModel:
     )
 
 
+def leaving(fit: Fit, square: float) -> Fit:
+    """The same fit, as if it left such a sum of squares."""
+    judged = fit.judged._replace(white=square / fit.judged.n, cost=fit.judged.cost + square - fit.square)
+    return fit._replace(judged=judged, by_noise=True, prior=0.0)
+
+
 class Scene:
     """A baseline beside FRFs whose level is 10 % too high unless told otherwise, with a noise of a hundredth."""
 
@@ -130,7 +136,9 @@ class Scene:
         std = true_std(frf, 0.01, "signal")
         noise = Noise(std, true_floor(std, frf), (), torch.zeros_like(std))
         frfs = measured(SMALL_LINES, frf + noise_of(std, 4), SMALL_RESPONSE, SMALL_REFERENCE)
+        # Ten modes in the band, and no mesh error: the data come from the same mesh.
         target = FrfTarget(frfs, noise, torch.zeros(2, 3, dtype=torch.bool))
+        target = target.with_mesh_error(torch.zeros_like(SMALL_LINES), 0.0, 10)
         self.builder = ModelBuilder(small_plate(BOX), target, as_given=True)
         model = self.builder.given
         self.look = Ranking(self.builder, {}, channels_of(model), lambda _: None)
@@ -138,8 +146,9 @@ class Scene:
         if young is None:
             self.fit = fit(self.builder, model, model.space.to_cube(theta)[None], wide=False)
         else:
-            found = fit(self.builder, model, model.space.to_cube(theta)[None], wide=False)
-            self.fit = found._replace(theta=theta, prediction=self.builder.predict(model, theta))
+            start = model.space.to_cube(theta)
+            self.fit = judged_at(self.builder, fit(self.builder, model, start[None], wide=False), {}, start)
+            self.fit = self.fit._replace(theta=theta)
         self.state = State(model, self.fit)
 
     def candidate(self, name: str) -> Candidate:
@@ -169,5 +178,7 @@ def lab() -> SimpleNamespace:
         true_floor=true_floor,
         measured=measured,
         Scene=Scene,
+        leaving=leaving,
         spot=SPOT,
+        SMALL_LINES=SMALL_LINES,
     )

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from torchplate.diagnosis.candidates.candidate import Channels, candidates, vector
+from torchplate.diagnosis.candidates.candidate import candidates, vector
+from torchplate.diagnosis.candidates.channels import Channels, Rearrangements
 from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.effects.parameter import Prior, nonnegative
@@ -23,6 +24,10 @@ KNOWN = {
     "loss.stiffness_loss_factor": 6e-3,
 }
 LINES = torch.tensor([9.0, 55.0, 120.0, 260.0], dtype=torch.float64)
+# What the FRFs promise of exchanged and turned channels.
+PROMISED = Rearrangements(
+    ({"channels": ((None, 7), (None, 9))}, {"channels": ((3, None), (17, None))}), ({"channels": ((None, 9),)},), 4, 11
+)
 # What an effect has beside a strength: it may be anything where the strength is neutral.
 WHERE = ("x", "y", "size")
 
@@ -41,7 +46,7 @@ def plate(searched=None, **mesh) -> PlateModel:
 
 def found(model: PlateModel, channels=CHANNELS):
     theta = model.space.to_si(model.known.new_full((len(model.names),), 0.43))
-    return candidates(model, theta, channels)
+    return candidates(model, theta, channels, PROMISED)
 
 
 def names(every) -> set[str]:
@@ -121,21 +126,16 @@ def test_a_held_edge_has_no_spring():
     assert {one.options["edge"] for one in found(held) if one.name == "edge_spring"} == {"x1", "y0", "y1"}
 
 
-def test_channels_are_those_that_were_measured():
+def test_channels_are_those_that_were_measured_and_promise_something():
     every = found(plate())
-    swapped = [one.options["channels"] for one in every if one.name == "channel_swap"]
-    # One pair of responses and three of references.
-    assert len(swapped) == 4
-    assert ((3, None), (17, None)) in swapped
-    flipped = [one.options["channels"] for one in every if one.name == "channel_polarity"]
-    # Each side, and each FRF alone.
-    assert len(flipped) == 2 + 3 + 6
-    assert ((None, 9),) in flipped
-    assert ((17, 15),) in flipped
+    for name, promised in (("channel_swap", PROMISED.swap), ("channel_polarity", PROMISED.polarity)):
+        assert [one.options for one in every if one.name == name] == list(promised)
     moved = [one.options for one in every if one.name == "sensor_position"]
     assert [one["response"] for one in moved] == [3, 17]
-    alone = found(plate(), Channels((3,), (7,)))
-    assert not names(alone) & {"channel_swap"}
+    # Where nothing was measured that could be exchanged, as in a table, nothing is.
+    model = plate()
+    table = candidates(model, model.known.new_zeros(0), Channels((3,), (7,)))
+    assert not names(table) & {"channel_swap", "channel_polarity"}
 
 
 @pytest.mark.parametrize("where", ["near", "far"])

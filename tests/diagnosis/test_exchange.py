@@ -20,7 +20,7 @@ class Two:
         self.builder, before = scene.builder, scene.fit
         hypotheses = {name: scene.hypothesis(name) for name in (first, *rivals)}
         named = hypotheses[first]
-        choice = choose(list(hypotheses.values()), named)
+        choice = choose(list(hypotheses.values()), before, named)
         model = with_candidate(scene.state.model, named.label, named.candidate)
         state = State(model, named.fit, (Naming(named, choice, before, tuple(hypotheses.values())),), scene.state)
         mass = scene.hypothesis("point_mass", state=state)
@@ -29,7 +29,7 @@ class Two:
         values |= {"point_mass_1.x": lab.spot[0], "point_mass_1.y": lab.spot[1]}
         start = whole.space.to_cube(torch.tensor([values[name] for name in whole.names], dtype=torch.float64))
         mass = replace(mass, fit=fit(self.builder, whole, start[None], wide=False))
-        last = Naming(mass, choose([mass]), named.fit, (mass,))
+        last = Naming(mass, choose([mass], named.fit), named.fit, (mass,))
         self.state = State(whole, mass.fit, (*state.named, last), state)
         self.said: list[str] = []
         self.exchange = Exchange(self.builder, scene.look, {}, self.said.append)
@@ -40,7 +40,7 @@ def test_a_name_that_another_fits_better_now_is_replaced(lab):
     two = Two(lab, "orthotropy", "sensor_gain", "time_delay")
     found = two.exchange.judged_again(two.state)
     assert [one.hypothesis.name for one in found.named] == ["sensor_gain", "point_mass"]
-    assert found.fit.cost < 0.5 * two.state.fit.cost
+    assert found.fit.square < 0.5 * two.state.fit.square
     values = dict(zip(found.model.names, found.fit.theta.tolist(), strict=True))
     assert values["sensor_gain_1.gain"] == pytest.approx(1.1, rel=0.01)
     assert values["point_mass_1.mass"] == pytest.approx(0.15, rel=0.05)
@@ -98,7 +98,7 @@ def named_after(scene, state, name, **start):
     values |= {f"{name}_1.{key}": value for key, value in start.items()}
     place = whole.space.to_cube(torch.tensor([values[one] for one in whole.names], dtype=torch.float64))
     hypothesis = Hypothesis(candidate, f"{name}_1", fit(scene.builder, whole, place[None], wide=False))
-    naming = Naming(hypothesis, choose([hypothesis]), state.fit, (hypothesis,))
+    naming = Naming(hypothesis, choose([hypothesis], state.fit), state.fit, (hypothesis,))
     return State(whole, hypothesis.fit, (*state.named, naming), state)
 
 

@@ -25,6 +25,7 @@ BOX = {
     "loss.stiffness_loss_factor": Searched(1e-3, 5e-2, True),
 }
 SHARE = 0.02
+N_DRAW = 12
 
 
 @pytest.fixture(scope="module")
@@ -96,18 +97,18 @@ def test_noise_scatters_the_parameters_as_the_covariance_says(lab, plate, truth,
         start = plate.space.to_cube(truth)[None]
         builder = ModelBuilder(plate, measured(lab, frf, 1), as_given=True)
         ends = []
-        for seed in range(20):
-            builder.target = measured(lab, frf, 100 + seed)
-            ends.append(fit(builder, builder.given, start, wide=False).theta)
+        for seed in range(N_DRAW):
+            beside = builder.against(measured(lab, frf, 100 + seed))
+            ends.append(fit(beside, builder.given, start, wide=False).theta)
     scatter = torch.stack(ends)
     std = found[0].covariance.diagonal().sqrt()
-    # The standard deviation of 20 draws is good to 16 %.
-    assert (scatter.std(0) / std).tolist() == pytest.approx([1.0] * 3, abs=0.5)
+    # The standard deviation of 12 draws is good to 21 %.
+    assert (scatter.std(0) / std).tolist() == pytest.approx([1.0] * 3, abs=0.6)
     # And they scatter about the truth.
-    assert bool(((scatter.mean(0) - truth).abs() < 4 * std / 20**0.5).all())
+    assert bool(((scatter.mean(0) - truth).abs() < 4 * std / N_DRAW**0.5).all())
     told = torch.corrcoef(scatter.mT)
     claimed = found[0].covariance / std[:, None] / std
-    assert torch.allclose(told, claimed, atol=0.6)
+    assert torch.allclose(told, claimed, atol=0.8)
 
 
 def test_what_is_known_beforehand_pulls_as_it_weighs(builder, plate, truth, found):
@@ -122,7 +123,7 @@ def test_what_is_known_beforehand_pulls_as_it_weighs(builder, plate, truth, foun
         pulled = fit(builder, builder.given, plate.space.to_cube(free.theta)[None], {name: (mean, std)}, wide=False)
         ends[weight] = (float(pulled.theta[index]) - float(free.theta[index])) / own
         assert pulled.prior == pytest.approx(((float(pulled.theta[index]) - mean) / std) ** 2, rel=1e-6, abs=1e-6)
-        assert pulled.cost == pytest.approx(float(pulled.misfit.fitted + pulled.misfit.heldout) + pulled.prior)
+        assert pulled.cost == pytest.approx(pulled.judged.cost + pulled.prior)
     # Two normal distributions multiplied: 6 w² / (1 + w²).
     assert ends[0.02] == pytest.approx(0.0, abs=0.1)
     assert ends[1.0] == pytest.approx(3.0, abs=0.3)
@@ -150,7 +151,7 @@ def test_a_hopeless_fit_ends_with_its_first_basis(builder, plate, monkeypatch):
     bases.clear()
     given_up = fit(builder, builder.given, start, wide=False, hopeless=0.0)
     assert len(bases) == 1
-    assert float(given_up.misfit.fitted) >= 0.99 * float(whole.misfit.fitted)
+    assert given_up.square >= 0.99 * whole.square
     # One that may still be of use goes to its end.
     bases.clear()
     assert torch.equal(fit(builder, builder.given, start, wide=False, hopeless=1e12).theta, whole.theta)
@@ -159,7 +160,8 @@ def test_a_hopeless_fit_ends_with_its_first_basis(builder, plate, monkeypatch):
 
 @torch.no_grad()
 def test_of_several_starts_the_best_goes_to_the_end_alone(builder, plate, truth, monkeypatch):
-    problem, near = Problem(builder, builder.given, {}), plate.space.to_cube(truth)
+    marginal = builder.target.marginal(builder.given, truth)
+    problem, near = Problem(builder, builder.given, {}, marginal), plate.space.to_cube(truth)
     starts = torch.stack([torch.tensor([0.05, 0.9, 0.9], dtype=torch.float64), near + 0.03, near - 0.15])
     asked = []
     descend = Problem.descend
@@ -196,6 +198,6 @@ def test_a_hopeless_fit_borrows_the_mesh_correction_and_another_gets_its_own(lab
     alone = fit(builder, builder.given, start, wide=False)
     assert torch.allclose(own.theta, alone.theta, rtol=1e-3)
     # What is borrowed is worth having: without any correction the frequencies are off.
-    assert float(given_up.misfit.fitted) == pytest.approx(float(own.misfit.fitted), rel=0.05)
+    assert given_up.square == pytest.approx(own.square, rel=0.05)
     with pytest.raises(ValueError, match="Take one of this builder"):
         builder.corrected_as(builder.given, plate)

@@ -11,6 +11,10 @@ PLACE = {"x": 0.27, "y": 0.68}
 RESPONSE = (3, 17)
 
 
+# FRFs of the plate without what is hidden, computed once.
+WITHOUT = {}
+
+
 class Case:
     """FRFs of a plate with something hidden, and of the one without."""
 
@@ -25,7 +29,10 @@ class Case:
         self.measured = lab.measured(
             self.frequency, frf + lab.noise_of(self.std, seed), response, self.reference, kind=kind
         )
-        self.predicted = self.model.frf(lab.nobody, self.frequency)
+        key = (repr(known), kind, response, self.reference)
+        if key not in WITHOUT:
+            WITHOUT[key] = self.model.frf(lab.nobody, self.frequency)
+        self.predicted = WITHOUT[key]
         self.heldout = torch.zeros(frf.shape[1:], dtype=torch.bool)
 
     def located(self, **others):
@@ -49,8 +56,7 @@ GROUNDED = {
 }
 
 
-@pytest.mark.parametrize("response", [RESPONSE, RESPONSE[:1]], ids=["two sensors", "one sensor"])
-@pytest.mark.parametrize("name", GROUNDED)
+@pytest.mark.parametrize(("name", "response"), [("point_mass", RESPONSE), *((name, RESPONSE[:1]) for name in GROUNDED)])
 def test_what_is_at_a_place_is_found_there_and_told_by_its_kind(lab, name, response):
     kind, value, unit = GROUNDED[name]
     found = Case(lab, hide(name, PLACE | value), response=response).located()
@@ -133,7 +139,7 @@ def test_a_channel_of_the_wrong_sign_is_named(lab, channels, said):
     assert not any("A force at" in sentence for sentence in found.sentences)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_noise_alone_claims_no_place(lab, seed):
     case = Case(lab, seed=seed)
     found = case.located(noise_std=noise_level(case.measured).std)

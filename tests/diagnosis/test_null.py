@@ -37,30 +37,26 @@ def test_what_says_nothing_takes_nothing():
     assert once_in_a_hundred(torch.zeros(0, 7, dtype=torch.float64)) == 0.0
 
 
-@torch.no_grad()
-def test_noise_alone_leaves_what_the_likelihood_says(lab):
-    scene = lab.Scene()
-    found = drawn(scene.builder.target, scene.fit.prediction, n_told=2)
-    assert found.shape == (200, 2 * 6 * 100 + 2)
+def test_what_chance_leaves_is_white():
+    found = drawn(1200, n_told=2)
+    assert found.shape == (200, 1202)
     assert float(found.square().mean()) == pytest.approx(1.0, abs=0.01)
     # Lines are independent of each other.
     assert abs(float((found[:, :-2] * found[:, 2:]).mean())) < 0.01
 
 
 @torch.no_grad()
-def test_a_mode_that_the_mesh_moves_looks_more_like_an_effect_than_noise_does(lab):
+def test_what_chance_takes_of_the_catalogue_is_a_few_numbers_worth(lab):
+    """Also where a mode is off by as much as the mesh leaves: that is among the nuisances, and whitened with them."""
     scene = lab.Scene(hidden={"gain": 1.0})
-    target, state = scene.builder.target, scene.state
+    state = scene.state
     base = scene.builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
     every = [scene.candidate(name) for name in ("point_mass", "orthotropy", "sensor_gain")]
-    limits = []
     for shift in (0.0, 1e-3):
-        modes = base.natural_frequencies(state.fit.theta, 16)
-        target.set_model_error(torch.full_like(target.frequency, shift), 0.0, modes[modes > 1.0])
-        draws = drawn(target, state.fit.prediction)
-        # Each line is off by no more than its variance says.
-        assert float(draws.square().mean()) < 1.1
-        scored = screen(scene.builder, base, state.fit.theta, every, {}, near=True, draws=draws)
-        limits.append(once_in_a_hundred(torch.stack([one.by_chance for one in scored])))
-    assert 9 < limits[0] < 25
-    assert limits[1] > 2 * limits[0]
+        target = scene.builder.target.with_mesh_error(torch.full_like(lab.SMALL_LINES, shift), 0.0, 10)
+        builder = scene.builder.against(target)
+        marginal = target.marginal(state.fit.reduced, state.fit.theta)
+        draws = drawn(2 * target.measured.numel())
+        scored = screen(builder, base, state.fit.theta, every, {}, near=marginal, draws=draws)
+        # The best of three, one of them at many places: in a hundredth χ² of one exceeds 6.6, that of four 13.3.
+        assert 9 < once_in_a_hundred(torch.stack([one.by_chance for one in scored])) < 25

@@ -1,8 +1,11 @@
 """One look over the catalogue: what came near before is tried again, and the best are followed to the end."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
+from torchplate.diagnosis.fit import judged_at
 from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.diagnosis.selection import ranking as module
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
@@ -34,22 +37,27 @@ def test_what_came_near_before_is_tried_again_from_where_it_ended(scene):
 
 
 @torch.no_grad()
-def test_the_best_are_followed_as_long_as_that_takes_them_further(scene, monkeypatch):
-    ended, other = scene.hypothesis("point_mass"), scene.hypothesis("time_delay")
-    left = iter((0.5, 0.5, 0.499, 0.499))
+def test_the_best_are_followed_as_long_as_that_takes_them_further(lab, scene, monkeypatch):
+    first, second = scene.hypothesis("point_mass"), scene.hypothesis("time_delay")
+    # Both leave far more than noise, one of them more than the other by far more than rounding.
+    left = {"point_mass": [0.8, 0.4, 0.4], "time_delay": [0.85, 0.85, 0.85]}
+    ended, other = (
+        replace(one, fit=lab.leaving(one.fit, left[one.name].pop(0) * scene.fit.square)) for one in (first, second)
+    )
+    asked = []
 
     def refit(model, candidate, label, start):
         one = ended if candidate is ended.candidate else other
+        asked.append(one.name)
         assert torch.allclose(start[0], one.fit.model.space.to_cube(one.fit.theta))
-        part = next(left)
-        misfit = one.fit.misfit._replace(fitted=part * one.fit.misfit.fitted)
-        return Hypothesis(one.candidate, label, one.fit._replace(misfit=misfit))
+        return replace(one, fit=lab.leaving(one.fit, left[one.name].pop(0) * scene.fit.square))
 
     monkeypatch.setattr(scene.look, "_refit", refit)
     found = scene.look._run_off(scene.state, [ended, other])
-    # A half less: once more. A hair less: that was the end.
-    assert list(left) == []
-    assert found[0].cost == pytest.approx(0.499 * min(ended.fit.cost, other.fit.cost) + found[0].penalty, rel=1e-6)
+    # A half less: once more. No less: that was the end.
+    assert sorted(asked) == ["point_mass"] * 2 + ["time_delay"] * 2
+    assert found[0].name == "point_mass"
+    assert found[0].fit.square == pytest.approx(0.4 * scene.fit.square, rel=1e-6)
 
 
 @torch.no_grad()
@@ -97,14 +105,15 @@ def test_the_residual_force_says_where_to_start_and_how_large(lab):
 
 
 @torch.no_grad()
-def test_what_took_less_than_it_promised_is_looked_for_farther_off(scene):
+def test_what_took_less_than_it_promised_is_looked_for_farther_off(lab, scene):
     gain = scene.hypothesis("sensor_gain")
     base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
-    (promise,) = screen(scene.builder, base, scene.fit.theta, [scene.candidate("sensor_gain")], {}, near=True)
+    (promise,) = screen(
+        scene.builder, base, scene.fit.theta, [scene.candidate("sensor_gain")], {}, near=scene.fit.marginal
+    )
     assert promise.drop > 0.9
     assert module._kept([promise], [gain], scene.state)
-    halfway = gain.fit.misfit._replace(fitted=0.5 * scene.fit.misfit.fitted)
-    stuck = Hypothesis(gain.candidate, gain.label, gain.fit._replace(misfit=halfway))
+    stuck = Hypothesis(gain.candidate, gain.label, lab.leaving(gain.fit, 0.5 * scene.fit.square))
     assert not module._kept([promise], [stuck], scene.state)
     assert not module._kept([promise], [], scene.state)
 
@@ -142,8 +151,7 @@ def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
     spring = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
     priced, supports = scene.look.as_supports(scene.state, spring)
     assert "support_spring" in {one.name for one in supports}
-    left = spring.fit.misfit._replace(fitted=torch.tensor(1e6, dtype=torch.float64))
-    hopeless = Hypothesis(spring.candidate, spring.label, spring.fit._replace(misfit=left))
+    hopeless = replace(spring, fit=lab.leaving(spring.fit, 1e6))
     assert scene.look.as_supports(scene.state, hopeless) == (hopeless, [])
     assert priced.label == spring.label
 
@@ -155,11 +163,7 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, 
     # At the right place, and everything else where it was: far too soft.
     theta = right.fit.theta.clone()
     theta[[right.fit.model.names.index(f"{right.label}.stiffness")]] = 150.0
-    prediction = scene.builder.predict(right.fit.reduced, theta)
-    misfit = scene.builder.target.misfit(prediction)
-    short = Hypothesis(
-        right.candidate, right.label, right.fit._replace(theta=theta, prediction=prediction, misfit=misfit)
-    )
+    short = replace(right, fit=judged_at(scene.builder, right.fit, {}, right.fit.model.space.to_cube(theta)))
     assert short.cost > 1.5 * right.cost
     begun = []
     refit = scene.look._refit

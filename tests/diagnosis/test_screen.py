@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.candidates.candidate import Channels, candidates
+from torchplate.diagnosis.candidates.candidate import candidates
+from torchplate.diagnosis.candidates.channels import Channels, rearrangements
 from torchplate.diagnosis.fit import Problem, fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.selection.screen import screen, twins
@@ -70,7 +71,7 @@ def scored(lab, hidden, near, searched=("plate.youngs_modulus", "loss.stiffness_
         found = fit(builder, builder.given, model.space.to_cube(begin)[None], wide=False)
         base = builder.reduced(found.model, found.theta[None], by_element=True)
         everyone = candidates(base, found.theta, Channels(RESPONSE, REFERENCE))
-        return screen(builder, base, found.theta, everyone, {}, near=near)
+        return screen(builder, base, found.theta, everyone, {}, near=found.marginal if near else None)
 
 
 @pytest.fixture(scope="module")
@@ -146,8 +147,8 @@ def test_what_no_refit_could_part_is_parallel(lab):
 def test_what_sits_on_the_edge_of_its_interval_cannot_do_what_an_effect_would(lab, young, free):
     scene = lab.Scene(young)
     base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
-    (density,) = screen(scene.builder, base, scene.fit.theta, [scene.candidate("density")], {}, near=True)
-    problem = Problem(scene.builder, base, {})
+    (density,) = screen(scene.builder, base, scene.fit.theta, [scene.candidate("density")], {}, near=scene.fit.marginal)
+    problem = Problem(scene.builder, base, {}, scene.fit.marginal)
     position = base.space.to_cube(scene.fit.theta)
     step = torch.zeros_like(position)
     step[base.names.index("plate.youngs_modulus")] = -1e-5
@@ -172,13 +173,17 @@ def test_exchanged_channels_score_what_solving_again_would_give(lab, near, monke
             builder = ModelBuilder(model, FrfTarget(measured, noise, nothing, gain_is_unknown), as_given=True)
             theta = torch.tensor([2.02e11, 9e-3], dtype=torch.float64)
             base = builder.reduced(builder.given, theta[None])
-            every = candidates(base, theta, Channels(RESPONSE, REFERENCE))
+            channels = Channels(RESPONSE, REFERENCE)
+            weight = 1 / builder.target.variance
+            promised = rearrangements(channels, measured.frf, builder.predict(base, theta), weight)
+            every = candidates(base, theta, channels, promised)
             every = [one for one in every if one.name in ("channel_swap", "channel_polarity")]
             assert len(every) > 5
-            found = {str(one.candidate.options): one for one in screen(builder, base, theta, every, {}, near)}
+            sharp = builder.target.marginal(base, theta) if near else None
+            found = {str(one.candidate.options): one for one in screen(builder, base, theta, every, {}, sharp)}
             with monkeypatch.context() as patched:
                 patched.setattr(FrfTarget, "rearranged", lambda *_: None)
-                solved = {str(one.candidate.options): one for one in screen(builder, base, theta, every, {}, near)}
+                solved = {str(one.candidate.options): one for one in screen(builder, base, theta, every, {}, sharp)}
             assert found.keys() == solved.keys()
             for key, one in found.items():
                 assert one.drop == pytest.approx(solved[key].drop, rel=1e-6, abs=1e-9)

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from torchplate.diagnosis.candidates.candidate import Candidate
-from torchplate.diagnosis.fit import Fit
+from torchplate.diagnosis.fit import fit, judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
@@ -43,23 +43,15 @@ class Ended:
         model, theta = plate(), torch.tensor([young], dtype=torch.float64)
         frf = model.frf(theta, LINES)
         std = lab.true_std(frf, 0.01, "signal")
-        measured = lab.measured(LINES, frf + lab.noise_of(std, 4), (3, 17), (7, 9))
+        measured = lab.measured(LINES, frf * (1 + off) + lab.noise_of(std, 4), (3, 17), (7, 9))
         self.noise = noise_level(measured)
         target = FrfTarget(measured, self.noise, torch.zeros(2, 2, dtype=torch.bool))
         self.builder = ModelBuilder(model, target, as_given=True)
-        prediction = frf * (1 + off)
-        fit = Fit(
-            model,
-            model,
-            theta,
-            torch.ones(1, 1, dtype=torch.float64),
-            prediction,
-            target.misfit(prediction),
-            0.0,
-            target.whole_gap(prediction),
-        )
-        one = Hypothesis(Candidate(CATALOGUE["density"](), {}, {}, {}), "one", fit)
-        self.state = State(model, fit, (Naming(one, Choice(one, (), None, 1.0), fit),) * n_named)
+        position = model.space.to_cube(theta)
+        anywhere = fit(self.builder, self.builder.given, position[None], wide=False, hopeless=0.0)
+        fitted = judged_at(self.builder, anywhere._replace(theta=theta), {}, position)
+        one = Hypothesis(Candidate(CATALOGUE["density"](), {}, {}, {}), "one", fitted)
+        self.state = State(model, fitted, (Naming(one, Choice(one, (), None, 1.0), fitted),) * n_named)
 
 
 @pytest.mark.parametrize(
@@ -71,10 +63,13 @@ def test_the_verdict_follows_from_what_is_left(lab, off, n_named, expected):
     assert _verdict(ended.builder, ended.state) == expected
     said = _missing(ended.builder, ended.noise, ended.state, expected)
     if off:
-        # The gap, and how many times the noise that is.
-        assert "20" in said[0]
-        assert "times what noise explains" in said[0]
-        assert len(said) > 1
+        # 0.2 of what the model says is 0.2 / 1.2 of what was measured.
+        gap = float(said[0].removeprefix("A gap of ").split(" %")[0])
+        assert gap == pytest.approx(16.7, abs=0.3)
+        assert "noise alone makes" in said[0]
+        # How large noise would have to be, to explain it alone.
+        assert "would take noise" in said[1]
+        assert len(said) > 2
     else:
         assert said == ()
 
@@ -101,9 +96,9 @@ def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):
     before, after = Ended(lab, 0.2), Ended(lab, 0.0, n_named=1)
     (naming,) = after.state.named
     naming = replace(naming, before=before.state.fit, by_chance=123.4)
-    fall = before.state.fit.cost - naming.hypothesis.cost
+    fall = before.state.fit.cost - naming.hypothesis.fit.cost
     assert _chance(naming) == (
-        f"; it takes {fall:.3g} from the sum of squares, of which the best of the catalogue takes 123 once in a "
+        f"; it takes {fall:.3g} from −2 ln L, of which the best of the catalogue takes 123 once in a "
         "hundred times where nothing is missing"
     )
     # Where far more is left than chance makes, it was not asked.

@@ -113,9 +113,10 @@ def test_an_unknown_name_is_said():
 def test_leaving_the_number_costs_the_square_of_its_deviations(lab):
     held = with_tolerances(plate(), {"plate.density": 20.0, "plate.thickness": 1e-5})
     builder = bench_of(lab, held, plate())
-    problem = Problem(
-        builder, builder.reduced(builder.given, builder.given.space.to_si(torch.full((1, 2), 0.5).double())), held.prior
-    )
+    middle = builder.given.space.to_si(torch.full((2,), 0.5, dtype=torch.float64))
+    reduced = builder.reduced(builder.given, middle[None])
+    marginal = builder.target.marginal(reduced, middle)
+    problem = Problem(builder, reduced, held.prior, marginal)
     names = held.model.names
     theta = torch.tensor([KNOWN[name] for name in names], dtype=torch.float64)
     theta[names.index("plate.density")] += 3 * 20.0
@@ -126,7 +127,7 @@ def test_leaving_the_number_costs_the_square_of_its_deviations(lab):
     position = problem.model.space.to_cube(theta)
     # Only the sharp level is weighed by the noise, and only there do the two compare.
     assert len(problem.residual(position, sharp)) == 2 * 6 * len(LINES) + 2
-    alone = Problem(builder, problem.model, {})
+    alone = Problem(builder, problem.model, {}, marginal)
     assert len(problem.residual(position, 0)) == len(alone.residual(position, 0))
     difference = problem.residual(position, sharp).square().sum() - alone.residual(position, sharp).square().sum()
     assert float(difference) == pytest.approx(9.25)

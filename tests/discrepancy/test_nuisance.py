@@ -134,3 +134,25 @@ def test_the_second_order_is_what_the_first_leaves_out_and_scales_with_the_size(
     assert 4.0 < ratio < 16.0
     small = [columns.second_order.variance({"mesh": size}).sum() for size in (1e-3, 5e-4)]
     assert float(small[0] / small[1]) == pytest.approx(16.0, rel=0.02)
+
+
+def test_places_far_off_are_second_order_too():
+    """Mean square over draws of what first order leaves, at places off by a fiftieth of a side."""
+    size = 0.01
+    columns, model = found(Imperfections(size, 0.0, 0.0, 0.0)), plate()
+    reading = model.frf(NOBODY, LINES)
+    generator = torch.Generator().manual_seed(1)
+    places = [model.mesh.places(points) for points in (RESPONSE, REFERENCE)]
+    sides = torch.tensor(SIDES, dtype=torch.float64)
+    left = torch.zeros_like(reading.real)
+    n_draw = 60
+    for _ in range(n_draw):
+        off = [torch.randn(*one.shape, generator=generator, dtype=torch.float64) for one in places]
+        moved = [place + size * one / sides for place, one in zip(places, off, strict=True)]
+        first = torch.einsum("fjrk,jk->fjr", columns.by_response, off[0].to(reading))
+        first = first + torch.einsum("fjrk,rk->fjr", columns.by_reference, off[1].to(reading))
+        there = model.frf(NOBODY, LINES, response=moved[0], reference=moved[1])
+        left += (there - reading - first).abs().square() / n_draw
+    said = 2 * columns.second_order.variance({})
+    # Mean over lines and FRFs; the mean of 60 draws of a fourth power is good to a third.
+    assert float(said.mean() / left.mean()) == pytest.approx(1.0, abs=0.4)

@@ -62,6 +62,7 @@ class SecondOrder(NamedTuple):
         damping: the part of the denominator that damps, likewise.
         width: the denominator itself, likewise.
         pairs: squared products of deflections at responses and references.
+        places: what places off by one standard deviation add to the mean square of receptances.
         factor: from receptances to readings, squared.
         reading: which pair is read under each label; None for its own.
     """
@@ -72,6 +73,7 @@ class SecondOrder(NamedTuple):
     damping: Float[Tensor, "n_frequency n_mode"]
     width: Float[Tensor, "n_frequency n_mode"]
     pairs: Float[Tensor, "n_pair n_mode"]
+    places: Float[Tensor, "n_frequency n_response n_reference"]
     factor: Float[Tensor, "n_frequency n_response n_reference"]
     reading: Tensor | None = None
 
@@ -86,7 +88,7 @@ class SecondOrder(NamedTuple):
         d = scale.get("damping_scatter", 1.0) * self.damped * self.damping / self.width
         share = (q.square() / (1 + q)).square() + (d.square() / (1 + d)).square()
         found = ((0.5 * share / self.width.square()) @ self.pairs.mT).unflatten(-1, self.factor.shape[1:])
-        found = found * self.factor
+        found = (found + 0.5 * scale.get("position_std", 1.0) ** 4 * self.places) * self.factor
         return found if self.reading is None else found.flatten(-2)[..., self.reading]
 
 
@@ -218,6 +220,7 @@ def nuisances(
         modal.damping.abs(),
         modal.denominator.abs(),
         (modal.left[:, None] * modal.right[None]).square().flatten(0, 1),
+        _places_again(model, modal, chain.response, reference, [off / side for side in sides]),
         factor.abs().square(),
         chain.reading,
     )
@@ -339,6 +342,32 @@ def _wandering(model: PlateModel, plan: Plan, modal: _Modal, wandering: Wanderin
             other = model.assembly.stiffness_coefficient(change, plan.geometry)[0]
             found.append(("grain", wandering.grain * through(everywhere, other), none))
     return found
+
+
+def _places_again(
+    model: PlateModel, modal: _Modal, response: Tensor, reference: Tensor | None, off: list[float]
+) -> Float[Tensor, "n_frequency n_response n_reference"]:
+    """Mean square of what the second order of places adds to receptances: curvatures, twist, and both ends at once.
+
+    E ν⁴ = 3 for a curvature ½ w,xx ν², E ν²μ² = 1 for products of two.
+    """
+
+    def rows(place: Tensor, order: tuple[int, int]) -> Tensor:
+        size = off[0] ** order[0] * off[1] ** order[1]
+        return size * model.assembly.rows(model.mesh.deflection_at(place, *order)) @ modal.shape
+
+    total = torch.zeros(len(modal.denominator), len(modal.left), len(modal.right)).to(modal.left)
+    if not any(off):
+        return total
+    for order, weight in (((2, 0), 0.75), ((0, 2), 0.75), ((1, 1), 1.0)):
+        total = total + weight * _sum(modal, rows(response, order), modal.right).abs().square()
+        if reference is not None:
+            total = total + weight * _sum(modal, modal.left, rows(reference, order)).abs().square()
+    if reference is not None:
+        for here in ((1, 0), (0, 1)):
+            for there in ((1, 0), (0, 1)):
+                total = total + _sum(modal, rows(response, here), rows(reference, there)).abs().square()
+    return total
 
 
 def _supports(model: PlateModel, plan: Plan, modal: _Modal, laplace: Tensor, off: float, theta: Tensor) -> list[Tensor]:

@@ -1,0 +1,146 @@
+"""What every test has is not named, what it would have to be is said, and what ails single channels bends nothing."""
+
+import pytest
+import torch
+
+import torchplate as tp
+from torchplate.diagnosis.holdout import held_out
+from torchplate.diagnosis.selection.criterion import excessive, is_noise
+from torchplate.diagnosis.selection.forward import ForwardSelection
+from torchplate.diagnosis.summary import _would_take
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.effects import CATALOGUE
+from torchplate.measurement import PERFECT, Imperfections
+from torchplate.measurement.noise import noise_level
+from torchplate.model import PlateModel, Searched, extrapolate
+from torchplate.plate import Mesh
+
+SIDES = (0.43, 0.3)
+LINES = torch.linspace(20.0, 275.0, 120, dtype=torch.float64)
+RESPONSE = (3, 17)
+REFERENCE = (7, 9, 14)
+MANY = (1, 4, 5, 6, 7, 8, 9, 11, 12, 13, 14, 15, 16, 18, 20, 2, 10, 19, 3, 17)
+TRUE = {"plate.youngs_modulus": 2.05e11, "loss.stiffness_loss_factor": 1e-2}
+KNOWN = {
+    "plate.poisson_ratio": 0.3,
+    "plate.density": 7850.0,
+    "plate.thickness": 0.003,
+    "wires.stiffness": 1500.0,
+    "wires.viscous_damping": 0.7,
+}
+BOX = {
+    "plate.youngs_modulus": Searched(1.7e11, 2.4e11),
+    "loss.stiffness_loss_factor": Searched(1e-3, 5e-2, True),
+}
+# Over a millimetre deflections change by a hundredth, as much as the noise: beyond that the second order counts.
+TOLD = Imperfections(position_std=1e-3, frequency_drift=0.0, calibration_std=0.01, damping_scatter=0.0)
+
+
+def plate(known, searched, response, reference, refine=1) -> PlateModel:
+    effects = {
+        "plate": CATALOGUE["plate"](),
+        "loss": CATALOGUE["hysteretic_damping"](),
+        "wires": CATALOGUE["support_spring"](nodes=(2, 10, 19)),
+    }
+    return PlateModel(Mesh(*SIDES, 4, 3, refine), effects, known, searched, response, reference, "accelerance")
+
+
+def hammered(lab, seed=0, imperfections=PERFECT, response=RESPONSE, reference=REFERENCE):
+    """A measurement with one draw of what is not perfect: places of hits and sensors, levels of channels."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def normal(*shape):
+        return torch.randn(*shape, generator=generator, dtype=torch.float64)
+
+    nodes = Mesh(*SIDES, 4, 3)
+    points = []
+    for labels in (response, reference):
+        off = imperfections.std("position_std") / torch.tensor(SIDES, dtype=torch.float64)
+        # What would miss the plate lands on its edge.
+        moved = (nodes.places(list(labels)) + off * normal(len(labels), 2)).clamp(0, 1)
+        points.append([tuple(one) for one in moved.tolist()])
+    exact = extrapolate(plate(KNOWN | TRUE, {}, *points, refine=4), float(LINES[-1])).model.frf(lab.nobody, LINES)
+    level = imperfections.std("calibration_std")
+    frf = exact * (1 + level * normal(len(response), 1)) * (1 + level * normal(1, len(reference)))
+    noise = lab.noise_of(lab.true_std(frf, 1e-2, "mixed"), 70 + seed)
+    return lab.measured(LINES, frf + noise, response, reference)
+
+
+def given(response=RESPONSE, reference=REFERENCE) -> PlateModel:
+    """The model as it is believed."""
+    return plate(KNOWN, BOX, list(response), list(reference))
+
+
+def selection_of(measurement, model, imperfections=PERFECT) -> ForwardSelection:
+    """Where a diagnosis begins."""
+    noise = noise_level(measurement)
+    target = FrfTarget(measurement, noise, held_out(measurement.measured), imperfections=imperfections)
+    return ForwardSelection.of(model, target, {}, lambda _: None)
+
+
+def test_a_test_as_imperfect_as_it_was_told_is_consistent(lab):
+    measured = hammered(lab, 0, TOLD)
+    found = tp.diagnose(given(), measured, imperfections=TOLD)
+    assert found.verdict == "consistent"
+    assert [one.name for one in found.effects if one.name != "mesh_discretisation"] == []
+    assert found.missing == ()
+    # Far more than noise is left, and no more than noise and nuisances make.
+    assert found.gap.final > 2 * found.gap.noise_floor
+    assert found.gap.expected is not None
+    assert found.gap.final < found.gap.expected
+    for name, true in TRUE.items():
+        one = found.parameters[name]
+        assert one.value == pytest.approx(true, abs=4 * one.std)
+
+
+@torch.no_grad()
+def test_how_large_a_nuisance_would_have_to_be_is_said(lab):
+    # Hits and sensors 3 mm off, where a quarter of a millimetre was told.
+    measured = hammered(lab, 3, Imperfections(3e-3, 0.0, 0.0, 0.0))
+    selection = selection_of(measured, given(), Imperfections(2.5e-4, 0.0, 0.0, 0.0))
+    baseline = selection.baseline()
+    large = excessive(baseline.fit)
+    # Twelve places along two sides: a size is good to a fifth; and the prior holds it back.
+    assert large["position_std"] == pytest.approx(12.0, rel=0.5)
+    assert not is_noise(baseline.fit)
+    (said,) = _would_take(baseline.fit)
+    assert f"hits and sensors off their marks {large['position_std']:.1f} times as large as was said" in said
+    # Where that was told, nothing more is needed.
+    enough = selection_of(measured, given(), Imperfections(3e-3, 0.0, 0.0, 0.0)).baseline()
+    assert excessive(enough.fit) == {}
+    assert _would_take(enough.fit) == ()
+
+
+@torch.no_grad()
+def test_a_fit_that_is_judged_again_costs_what_it_did(lab):
+    """Else hypotheses would be compared with a baseline that is judged beside nuisances of another size."""
+    selection = selection_of(hammered(lab, 1, TOLD), given(), TOLD)
+    baseline = selection.baseline()
+    again = selection.here(baseline)
+    assert torch.equal(again.fit.theta, baseline.fit.theta)
+    assert again.fit.cost == pytest.approx(baseline.fit.cost, abs=1.0)
+
+
+@torch.no_grad()
+def test_two_swapped_references_among_twenty_bend_neither_modulus_nor_loss(lab):
+    measured = hammered(lab, 5, response=RESPONSE[:1], reference=MANY)
+    # As unlike as two places are: what they do to the fit is largest.
+    measured.frf[..., [0, 13]] = measured.frf[..., [13, 0]]
+    selection = selection_of(measured, given(RESPONSE[:1], MANY))
+    bent = selection.baseline()
+    robust, baseline = selection.robust(bent)
+    value = dict(zip(baseline.model.names, baseline.fit.theta.tolist(), strict=True))
+    std = dict(zip(baseline.model.names, baseline.fit.covariance.diagonal().sqrt().tolist(), strict=True))
+    for name, true in TRUE.items():
+        # What is left of the mesh error, and what noise leaves.
+        assert value[name] == pytest.approx(true, rel=2e-3, abs=4 * std[name])
+    # Every fit sees both from here on; and then they are named.
+    target = robust.builder.target
+    assert isinstance(target, FrfTarget)
+    assert bool(target.fitted[0, [0, 13]].all())
+    ended, _ = robust.travel(baseline, 1)
+    (one,) = ended.named
+    assert one.hypothesis.name == "channel_swap"
+    assert one.hypothesis.candidate.options == {"channels": ((None, MANY[0]), (None, MANY[13]))}
+    assert one.choice.confidence > 0.95
+    assert is_noise(ended.fit)
