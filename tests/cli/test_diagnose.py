@@ -84,7 +84,7 @@ def test_diagnosis_json_is_what_the_contract_says(diagnosed):
         assert isinstance(one["gap_before"], float)
         assert isinstance(one["gap_after"], float)
         for name, told in one["parameters"].items():
-            assert set(told) == {"value", "std", "unit"}
+            assert set(told) == {"value", "std", "unit", "low", "high"}
             assert isinstance(told["value"], NUMBER)
             assert isinstance(told["std"], NUMBER)
             assert told["unit"] == CATALOGUE[one["name"]].parameters[name].unit
