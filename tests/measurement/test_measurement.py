@@ -24,6 +24,15 @@ def test_band_forgives_the_rounding_of_a_header(make_measurement):
     assert len(make_measurement(lines).band(100.0, 399.99975).frequency) == 3
 
 
+def test_every_third_line_keeps_its_frf_and_coherence(make_measurement):
+    whole = make_measurement(coherence=True)
+    thinned = whole.every(3)
+    assert thinned.frequency.is_contiguous()
+    assert torch.equal(thinned.frequency, whole.frequency[::3])
+    assert torch.equal(thinned.frf[4], whole.frf[12])
+    assert torch.equal(thinned.coherence[4], whole.coherence[12])
+
+
 def test_a_band_without_lines_names_what_there_is(make_measurement):
     with pytest.raises(MeasurementError, match=r"20 to 150 Hz, got 200 to 300 Hz.*measurement\.band"):
         make_measurement().band(200.0, 300.0)

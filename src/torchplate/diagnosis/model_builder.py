@@ -138,7 +138,7 @@ class ModelBuilder:
             return self
         worst = found.error.abs().cummax(0).values
         line = self.target.frequency.to(found.frequency)
-        at = torch.searchsorted(found.frequency.contiguous(), line).clamp(max=len(worst) - 1)
+        at = torch.searchsorted(found.frequency.contiguous(), line.contiguous()).clamp(max=len(worst) - 1)
         shift = self.fineness.shift + self.fineness.part * worst[at]
         in_band = int((found.frequency <= self.top).sum())
         return self.against(self.target.with_mesh_error(shift, self.fineness.shape, in_band))

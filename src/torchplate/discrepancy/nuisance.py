@@ -171,7 +171,9 @@ def nuisances(
     damped = imperfections.std("damping_scatter")
     if damped > 0:
         common += [("damping_scatter", to_reading(damped * _of_mode(modal, m, modal.damping[:, m]))) for m in near]
-    at = torch.searchsorted(frequency.to(theta), modal.eigenvalue[elastic].clamp(min=0).sqrt() / (2 * math.pi))
+    at = torch.searchsorted(
+        frequency.to(theta).contiguous(), modal.eigenvalue[elastic].clamp(min=0).sqrt() / (2 * math.pi)
+    )
     shift = mesh_shift.to(theta)[at.clamp(max=len(frequency) - 1)]
     for m, one in zip(elastic, shift, strict=True):
         if float(one) > 0:

@@ -172,7 +172,7 @@ class Measurement:
     def every(self, step: int) -> "Measurement":
         """Every `step`-th line, the first among them."""
         coherence = None if self.coherence is None else self.coherence[::step]
-        return replace(self, frequency=self.frequency[::step], frf=self.frf[::step], coherence=coherence)
+        return replace(self, frequency=self.frequency[::step].contiguous(), frf=self.frf[::step], coherence=coherence)
 
     def select(self, keep: Bool[Tensor, "n_response n_reference"]) -> "Measurement":
         """Keep the measured pairs where `keep` is True; channels left without any pair go.
