@@ -74,7 +74,7 @@ class Noise:
 
     def every(self, step: int) -> "Noise":
         """Of every `step`-th line."""
-        said = f"Of the lines every {step}th is looked at: this many FRFs say no more with all of them."
+        said = f"Of the lines one in {step} is looked at: this many FRFs say no more with all of them."
         return replace(self, std=self.std[::step], slope=self.slope[::step], sentences=(*self.sentences, said))
 
 
