@@ -7,7 +7,7 @@
 - `target`: what the models are held against, and residuals from wide to sharp.
 - `model_builder`: one mesh for all models, its error taken off, and bases that are right where they are used.
 - `rebuilding`: the same plate with other effects or other numbers.
-- `fit`: the refit of one hypothesis.
+- `fit`: the refit of one hypothesis; `basins`: where it begins when nothing is known.
 - `localise`: where the misfit sits: in frequency, in the channels, on the plate, and of which kind it is.
 - `assurance`: FRAC, CSAC, CSF and FDAC of what was measured with a model.
 - `next_measurement`: the cheapest measurement that would part equivalents.

@@ -13,8 +13,9 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
+from torchplate.diagnosis.basins import N_SPREAD, fit_from_the_box
 from torchplate.diagnosis.candidates.candidate import channels_of
-from torchplate.diagnosis.fit import Fit, Prior, Problem, fit, judged_at, widely
+from torchplate.diagnosis.fit import Fit, Prior, Problem, fit, judged_at
 from torchplate.diagnosis.holdout import exchanged, held_out, outliers
 from torchplate.diagnosis.model_builder import SETTLING, ModelBuilder, with_candidate
 from torchplate.diagnosis.result import Diagnosis
@@ -32,8 +33,6 @@ from torchplate.model import PlateModel
 
 # Signs of FRFs are turned round for the baseline where that leaves this part of the sum of squares, or less.
 TURNED = 0.5
-# Members of the first look over the box, and those that go down from there.
-N_LOOK, N_DESCEND = 96, 8
 # Hypotheses from which the next effect is looked for where one alone does not explain the data.
 N_BEAM = 2
 # A baseline that ends lower by this part than it did had stopped too soon.
@@ -163,9 +162,7 @@ class ForwardSelection:
         """The given model, fitted on a mesh whose error is taken off."""
         builder, model = self.builder, self.builder.given
         self.say(f"baseline: fitting {', '.join(model.names) or 'nothing'}")
-        middle = model.space.to_si(model.known.new_full((len(model.names),), 0.5))
-        start = self._first_look(builder.corrected(model, middle).model, middle)
-        found = fit(builder, model, start, self.prior, wide=False)
+        found = fit_from_the_box(builder, model, self.prior)
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} times what noise and nuisances explain")
         return State(model, found)
 
@@ -203,7 +200,7 @@ class ForwardSelection:
         problem = Problem(self.builder, baseline.fit.reduced, {})
         n = len(model.names)
         look = torch.cat(
-            [model.space.to_cube(baseline.fit.theta)[None], SobolEngine(n).draw(N_LOOK, dtype=torch.float64)]
+            [model.space.to_cube(baseline.fit.theta)[None], SobolEngine(n).draw(N_SPREAD, dtype=torch.float64)]
         )
         sign, part = target.signs(problem.predict(model.space.to_si(look), 0))
         if part > TURNED or bool((sign > 0).all()):
@@ -232,18 +229,6 @@ class ForwardSelection:
         start = baseline.model.space.to_cube(baseline.fit.theta)[None]
         found = fit(twin.builder, baseline.model, start, self.prior, wide=twin.builder.target.levels > 1)
         return twin, State(baseline.model, found)
-
-    def _first_look(self, model: PlateModel, middle: Tensor) -> Tensor:
-        """Where to begin: members spread over the box, the best of them down the wide levels."""
-        n = len(model.names)
-        start = model.known.new_full((1, n), 0.5)
-        if not n:
-            return start
-        problem = Problem(self.builder, self.builder.reduced(model, middle[None]), {})
-        look = torch.cat([start, SobolEngine(n).draw(N_LOOK, dtype=torch.float64).to(middle)])
-        value = problem.residual(look, 0).square().sum(-1)
-        start = look[value.argsort()[:N_DESCEND]]
-        return widely(problem, start, keep=2)[0] if self.builder.target.levels > 1 else start
 
     def as_given(self, baseline: State) -> Fit:
         """The fit of the given model on its own mesh, error and all."""

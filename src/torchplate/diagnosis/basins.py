@@ -1,0 +1,75 @@
+"""Where a fit begins when nothing is known of where it ends: members spread over the box, and the basins they lead to.
+
+With few lines, or modes that lie close, smoothed residuals have several minima, and the lowest of them need not be that
+of the likelihood. Each basin is therefore fitted to its end, and the likelihood decides.
+"""
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.quasirandom import SobolEngine
+
+from torchplate.diagnosis.fit import Fit, Prior, Problem, fit, widely
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.selection.criterion import is_noise
+from torchplate.model import PlateModel
+
+# Members spread over the box; those that go down from there; and basins that are fitted to their end.
+N_SPREAD, N_DESCEND, N_BASIN = 96, 12, 4
+# Ends of the wide levels that lie nearer on the unit cube are one basin.
+SAME = 0.05
+# A basin that leaves so many times as much as the best so far is not followed to its end.
+HOPELESS = 10.0
+
+
+def fit_from_the_box(
+    builder: ModelBuilder,
+    model: PlateModel,
+    prior: Prior,
+    start: Float[Tensor, "n_start n"] | None = None,
+    free: list[int] | None = None,
+) -> Fit:
+    """The fit of a model whose parameters may be anywhere in their intervals.
+
+    Args:
+        builder: what builds and evaluates it.
+        model: in all dofs.
+        prior: what is known of its parameters beforehand.
+        start: positions on the unit cube, the best first; the middle where it is left out.
+        free: parameters that are spread; left out, all of them. The others stay where the first start has them.
+    """
+    n = len(model.names)
+    first = model.known.new_full((1, n), 0.5) if start is None else start
+    if not n:
+        return fit(builder, model, first, prior, wide=False)
+    found: Fit | None = None
+    for basin in _basins(builder, model, prior, first, list(range(n)) if free is None else free):
+        limit = math.inf if found is None else HOPELESS * found.square
+        ended = fit(builder, model, basin[None], prior, wide=False, hopeless=limit)
+        found = ended if found is None or ended.cost < found.cost else found
+        if is_noise(found):
+            break
+    assert found is not None
+    return found
+
+
+def _basins(
+    builder: ModelBuilder, model: PlateModel, prior: Prior, first: Float[Tensor, "n_start n"], free: list[int]
+) -> list[Float[Tensor, " n"]]:
+    """Where members spread over the box end at the wide levels, the best first, each basin once."""
+    spread = first[:1].repeat(N_SPREAD, 1)
+    spread[:, free] = SobolEngine(len(free)).draw(N_SPREAD, dtype=torch.float64).to(first)
+    members = torch.cat([first, spread])
+    theta = model.space.to_si(first[0])
+    problem = Problem(builder, builder.reduced(builder.corrected(model, theta).model, theta[None]), prior)
+    value = problem.residual(members, 0).square().sum(-1)
+    ends = members[value.argsort()[:N_DESCEND]]
+    if builder.target.levels > 1:
+        ends, _ = widely(problem, ends, keep=N_DESCEND // 2)
+    basins: list[Tensor] = []
+    for end in ends:
+        if all(float((end - other).abs().max()) > SAME for other in basins):
+            basins.append(end)
+    return basins[:N_BASIN]
