@@ -59,9 +59,7 @@ def _basins(
     builder: ModelBuilder, model: PlateModel, prior: Prior, first: Float[Tensor, "n_start n"], free: list[int]
 ) -> list[Float[Tensor, " n"]]:
     """Where members spread over the box end at the wide levels, the best first, each basin once."""
-    spread = first[:1].repeat(N_SPREAD, 1)
-    spread[:, free] = SobolEngine(len(free)).draw(N_SPREAD, dtype=torch.float64).to(first)
-    members = torch.cat([first, spread])
+    members = torch.cat([first, _spread(model, prior, first[0], free)])
     theta = model.space.to_si(first[0])
     problem = Problem(builder, builder.reduced(builder.corrected(model, theta).model, theta[None]), prior)
     value = problem.residual(members, 0).square().sum(-1)
@@ -73,3 +71,18 @@ def _basins(
         if all(float((end - other).abs().max()) > SAME for other in basins):
             basins.append(end)
     return basins[:N_BASIN]
+
+
+def _spread(
+    model: PlateModel, prior: Prior, first: Float[Tensor, " n"], free: list[int]
+) -> Float[Tensor, "n_member n"]:
+    """Members spread over the box; where something is known of a parameter beforehand, over what that says."""
+    spread = first.repeat(N_SPREAD, 1)
+    sobol = SobolEngine(len(free)).draw(N_SPREAD, dtype=torch.float64).to(first)
+    spread[:, free] = sobol
+    theta = model.space.to_si(spread)
+    for column, index in enumerate(free):
+        if (known := prior.get(model.names[index])) is not None:
+            quantile = torch.special.ndtri(sobol[:, column].clamp(0.01, 0.99))
+            theta[:, index] = known[0] + known[1] * quantile
+    return model.space.to_cube(theta).clamp(0.0, 1.0)

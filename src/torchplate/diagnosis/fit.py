@@ -137,8 +137,7 @@ class Problem:
     ) -> Float[Tensor, "*batch n_residual"]:
         """Those of a prediction at a level, and of these parameters from what is known beforehand.
 
-        Where the model is doubted the latter count at the wide levels too: a smoothed residual is then about 1,
-        whatever the noise.
+        At the wide levels a smoothed residual is about 1, whatever the noise: the latter weigh a part of all of them.
         """
         sharp = level == self.target.levels - 1
         if sharp:
@@ -146,7 +145,7 @@ class Problem:
             found = self.marginal.whitened(self.marginal.over_noise(self.target.off(prediction)))
         else:
             found = self.target.residual(prediction, level)
-        if not self._index or (not sharp and self.target.trusts_the_noise):
+        if not self._index:
             return found
         # Where the level of what is left is not known, it scales what is known beforehand.
         by_level = 1.0 if self.target.trusts_the_noise else DOUBTFUL**0.5

@@ -250,6 +250,7 @@ class ForwardSelection:
             choice = choose(look.hypotheses, state.fit)
             if not is_needed(state.fit, choice.best, look.by_chance):
                 break
+            choice = self._restarted(state, choice)
             single = self._added(state, choice, look)
             if not state.named and (lower := self._lower(state, single)) is not None:
                 # Where nothing but noise is left beside it, and where this was the second time, the look still holds.
@@ -270,6 +271,25 @@ class ForwardSelection:
             if further is None or not _explains_much(state):
                 break
         return self._ended(_worth_their_names(state)), looks
+
+    def _restarted(self, state: State, choice: Choice) -> Choice:
+        """The best hypothesis from where members spread over the box lead, if more than noise is left of it.
+
+        A baseline that lacks an effect may have ended in a basin of its own, and its effects with it.
+        """
+        best = choice.best
+        if is_noise(best.fit) or not best.fit.by_noise:
+            return choice
+        whole = best.fit.model
+        start = whole.space.to_cube(best.fit.theta)[None]
+        free = [index for index, name in enumerate(whole.names) if name in state.model.names]
+        found = fit_from_the_box(
+            self.builder, with_candidate(state.model, best.label, best.candidate), self.prior, start, free
+        )
+        if found.cost >= best.fit.cost:
+            return choice
+        self.say(f"  {best.name}: misfit {found.reduced_misfit:.4g} from elsewhere in the box")
+        return replace(choice, best=replace(best, fit=found))
 
     def _lower(self, state: State, single: State) -> State | None:
         """The given model fitted from where it is beside the first effect, if it ends lower there than it did."""
