@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from torchplate.discrepancy.nuisance import UNIFORM, Wandering, nuisances
+from torchplate.discrepancy.nuisance import nuisances
+from torchplate.discrepancy.wandering import UNIFORM, Wandering
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT, Imperfections
 from torchplate.model import PlateModel, Searched

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from torchplate.discrepancy.marginal import Knowledge
-from torchplate.discrepancy.nuisance import Wandering
+from torchplate.discrepancy.wandering import Wandering
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ from torch import Tensor
 
 from torchplate.diagnosis.settings import DiagnosisSettings
 from torchplate.discrepancy.marginal import Judged, Marginal
-from torchplate.discrepancy.nuisance import UNIFORM, Nuisances, nuisances
+from torchplate.discrepancy.nuisance import Nuisances, nuisances
+from torchplate.discrepancy.wandering import UNIFORM
 from torchplate.effects import Effect
 from torchplate.measurement import PERFECT, Imperfections, Measurement, NaturalFrequencies
 from torchplate.measurement.noise import Noise

@@ -11,45 +11,21 @@ Identification (2012), for what an analyser, its transducers and their mounting 
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from torchplate.discrepancy.wandering import Elements, Wandering, terms
 from torchplate.measurement import Imperfections
 from torchplate.model import PlateModel
 from torchplate.model.frf import as_kind, laplace_lines, modal_denominator
 from torchplate.model.modes import solve_modes
 from torchplate.plate import Plan
 
-# Step of the plate's section from which the change of its matrices is taken: they are polynomials of low order in it.
-STEP = 1e-4
 # Modes up to this multiple of the band's end are followed where the plate changes: higher ones answer as a spring does.
 REACH = 1.6
-
-
-@dataclass(frozen=True)
-class Wandering:
-    """How far a plate's section is from uniform; standard deviations at a place, relative [-].
-
-    Args:
-        thickness: cold-rolled sheet keeps its thickness to about half a per cent within a sheet.
-        modulus: of Young's modulus, likewise.
-        grain: of E_y/E_x and of the shear modulus over the isotropic one, the whole plate alike: rolling leaves a
-            texture.
-        order: of the cosines cos(pπx) cos(qπy), p + q from 1 to this.
-    """
-
-    thickness: float = 5e-3
-    modulus: float = 5e-3
-    grain: float = 1e-2
-    order: int = 3
-
-
-# A plate that is the same everywhere.
-UNIFORM = Wandering(0.0, 0.0, 0.0, 0)
 
 
 class SecondOrder(NamedTuple):
@@ -101,6 +77,7 @@ class Nuisances(NamedTuple):
         by_reference: of what each reference has of its own.
         group: names of the groups of each column of the three.
         second_order: what the first order leaves out.
+        n_wander: the first of the common ones, of a plate whose section wanders.
     """
 
     common: Complex[Tensor, "n_frequency n_response n_reference n_common"]
@@ -108,6 +85,7 @@ class Nuisances(NamedTuple):
     by_reference: Complex[Tensor, "n_frequency n_response n_reference n_other"]
     group: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
     second_order: SecondOrder
+    n_wander: int = 0
 
 
 class _Modal(NamedTuple):
@@ -142,6 +120,7 @@ def nuisances(
     imperfections: Imperfections,
     wandering: Wandering,
     mesh_shift: Float[Tensor, " n_frequency"],
+    spread: Float[Tensor, "n_wander n_wander"] | None = None,
 ) -> Nuisances:
     """The nuisances of one test of one plate.
 
@@ -152,6 +131,8 @@ def nuisances(
         imperfections: of the test.
         wandering: of the plate.
         mesh_shift: relative error that the mesh leaves of a natural frequency near each line [-].
+        spread: covariance of how far the section wanders, in standard deviations, where the model has it as it was
+            found; None where it has it uniform.
     """
     plan = model.plan(theta)
     response, reference, kind = model._points(None, None, None)
@@ -165,7 +146,11 @@ def nuisances(
     elastic = near[modal.eigenvalue[near] > 1e-6 * top]
 
     common: list[tuple[str, Tensor]] = []
-    wander = _wandering(model, plan, modal, wandering)
+    elements = Elements(model, plan, modal.shape[:, : modal.n_low])
+    wander = [
+        (one.name, elements.stiffness(one.stiffness, one.coefficient), elements.mass(one.mass))
+        for one in terms(model, plan, wandering)
+    ]
     for name, stiffness, mass in wander:
         common.append((name, to_reading(_through(modal, stiffness, mass, chain.laplace))))
     damped = imperfections.std("damping_scatter")
@@ -209,10 +194,15 @@ def nuisances(
     nothing = torch.zeros_like(modal.eigenvalue)
     moving = {"frequency_drift": 2 * drift * modal.eigenvalue, "mesh": nothing.clone()}
     moving["mesh"][elastic] = 2 * shift * modal.eigenvalue[elastic]
-    for name, stiffness, mass in wander:
-        diagonal = stiffness.diagonal() - modal.eigenvalue[: modal.n_low] * mass.diagonal()
-        before = moving.get(name, nothing)
-        moving[name] = before.square().index_add(0, torch.arange(modal.n_low), diagonal.square()).sqrt()
+    low = torch.arange(modal.n_low)
+    moves = [stiffness.diagonal() - modal.eigenvalue[: modal.n_low] * mass.diagonal() for _, stiffness, mass in wander]
+    if spread is None:
+        for (name, _, _), diagonal in zip(wander, moves, strict=True):
+            before = moving.get(name, nothing)
+            moving[name] = before.square().index_add(0, low, diagonal.square()).sqrt()
+    elif wander:
+        each = torch.stack(moves, dim=-1)
+        moving["found"] = nothing.index_add(0, low, ((each @ spread) * each).sum(-1).clamp(min=0).sqrt())
     plain = chain._replace(reading=None)
     factor = as_kind(torch.ones_like(reading), plain, "accelerance" if kind == "transmissibility" else kind)
     second_order = SecondOrder(
@@ -228,7 +218,8 @@ def nuisances(
     )
     columns = [_stacked([change for _, change in part], reading) for part in (common, own, other)]
     names = [tuple(name for name, _ in part) for part in (common, own, other)]
-    return Nuisances(columns[0], columns[1], columns[2], (names[0], names[1], names[2]), second_order)
+    groups = (names[0], names[1], names[2])
+    return Nuisances(columns[0], columns[1], columns[2], groups, second_order, len(wander))
 
 
 class _Reading(NamedTuple):
@@ -297,53 +288,6 @@ def _through(modal: _Modal, stiffness: Tensor, mass: Tensor, laplace: Tensor) ->
 def _times(complex_rows: Tensor, real: Tensor) -> Tensor:
     """Complex rows times a real matrix."""
     return torch.complex(complex_rows.real @ real, complex_rows.imag @ real)
-
-
-def _wandering(model: PlateModel, plan: Plan, modal: _Modal, wandering: Wandering) -> list[tuple[str, Tensor, Tensor]]:
-    """Changes of stiffness and mass between the lowest modes, by one standard deviation of each term.
-
-    What wanders is the plate around its mean section: patches of other stiffness in it count as the rest does.
-    """
-    section, place = plan.section, model.mesh.element_place.to(modal.eigenvalue)
-    area = plan.geometry.length_x * plan.geometry.length_y
-    rigidity = section.rigidity.mean(-3)[None]
-    coefficient = model.assembly.stiffness_coefficient(rigidity, plan.geometry)[0]
-    heavy = float(section.areal_mass.mean() * area)
-    # [n_element, 12, n_mode]: the modes at the dofs of each element.
-    rows = model.assembly.element_rows() @ modal.shape[:, : modal.n_low]
-
-    def through(weight: Tensor, coefficient: Tensor) -> Tensor:
-        # An element's matrix is the same everywhere: it takes the place of one of the two rows.
-        turned = torch.einsum("k,kpq->pq", coefficient, model.assembly.pattern.to(rows)) @ rows
-        return (rows * weight[:, None, None]).flatten(0, 1).mT @ turned.flatten(0, 1)
-
-    turned_mass = heavy * (model.assembly.mass_pattern.to(rows) @ rows).flatten(0, 1)
-    none = rows.new_zeros(modal.n_low, modal.n_low)
-    terms = [
-        (math.pi * p * place[:, 0]).cos() * (math.pi * q * place[:, 1]).cos()
-        for total in range(1, wandering.order + 1)
-        for p, q in ((k, total - k) for k in range(total + 1))
-    ]
-    # So that all terms together are as large as the standard deviation says, on the mean over the plate.
-    size = 1 / math.sqrt(sum(float(one.square().mean()) for one in terms)) if terms else 0.0
-    found = []
-    for one in terms:
-        stiff = through(one, coefficient)
-        if wandering.thickness > 0:
-            mass = (rows * one[:, None, None]).flatten(0, 1).mT @ turned_mass
-            found.append(("thickness", 3 * wandering.thickness * size * stiff, wandering.thickness * size * mass))
-        if wandering.modulus > 0:
-            found.append(("modulus", wandering.modulus * size * stiff, none))
-    if wandering.grain > 0:
-        everywhere = torch.ones_like(place[:, 0])
-        for changed in (
-            section._replace(young_ratio=section.young_ratio * (1 + STEP)),
-            section._replace(shear_factor=section.shear_factor * (1 + STEP)),
-        ):
-            change = (changed.rigidity.mean(-3)[None] - rigidity) / STEP
-            other = model.assembly.stiffness_coefficient(change, plan.geometry)[0]
-            found.append(("grain", wandering.grain * through(everywhere, other), none))
-    return found
 
 
 def _places_again(

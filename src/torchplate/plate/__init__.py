@@ -10,7 +10,7 @@
 - `transforms`: what of all this may be remembered, and what belongs to a derivative.
 """
 
-from torchplate.plate.assemble import Assembly, Correction
+from torchplate.plate.assemble import Assembly, Correction, Unevenness
 from torchplate.plate.material import MATERIALS, Material, find_material
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Geometry, Local, Plan, Proportional, Section, System
@@ -37,6 +37,7 @@ __all__ = [
     "Proportional",
     "Section",
     "System",
+    "Unevenness",
     "bending_wavelength",
     "elements_for",
     "find_material",

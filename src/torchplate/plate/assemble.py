@@ -51,6 +51,29 @@ class Correction(NamedTuple):
         return mean / (geometry.length_x * geometry.length_y)
 
 
+class Unevenness(NamedTuple):
+    """What a plate that is not the same everywhere has beside a uniform one, in the coordinates of an assembly.
+
+    Other plates have it in proportion to their rigidity and to their mass.
+
+    Attributes:
+        stiffness: more of it.
+        mass: likewise.
+        rigidity: √(D₁₁ D₂₂) / (Lx Ly) of the plate it belongs to, mean over the elements [N/m].
+        heavy: mass of that plate [kg].
+    """
+
+    stiffness: Float[Tensor, "n n"]
+    mass: Float[Tensor, "n n"]
+    rigidity: Float[Tensor, ""]
+    heavy: Float[Tensor, ""]
+
+    @staticmethod
+    def measure(areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry) -> Float[Tensor, "*batch"]:
+        """Mass of a plate [kg]."""
+        return areal_mass.mean(-1) * geometry.length_x * geometry.length_y
+
+
 class Assembly(nn.Module):
     """Assembles on one mesh; held dofs are left out of every result.
 
@@ -74,6 +97,7 @@ class Assembly(nn.Module):
     basis: Tensor | None
     seen: Tensor | None
     lacking: Tensor | None
+    unevenness: Unevenness | None = None
 
     def __init__(
         self,
@@ -135,6 +159,13 @@ class Assembly(nn.Module):
         twin._correct(correction)
         return twin
 
+    def uneven(self, unevenness: Unevenness | None) -> "Assembly":
+        """The same for a plate that is not the same everywhere; matrices are shared."""
+        twin = copy.copy(self)
+        twin._buffers = dict(self._buffers)
+        twin.unevenness = unevenness
+        return twin
+
     def _correct(self, correction: "Correction | None") -> None:
         self.correction = correction
         self.register_buffer("seen", self.basis, persistent=False)
@@ -171,6 +202,9 @@ class Assembly(nn.Module):
         """Stiffness matrix K [N/m] from the rigidity of the elements [N m]."""
         coefficient = self.stiffness_coefficient(rigidity, geometry)
         stiffness = self._assemble(coefficient, self.pattern, slice(0, 6))
+        if self.unevenness is not None:
+            scale = Correction.measure(rigidity, geometry) / self.unevenness.rigidity
+            stiffness = stiffness + scale[..., None, None] * self.unevenness.stiffness
         if self.correction is None:
             return stiffness
         lacking = self.lacking
@@ -182,7 +216,11 @@ class Assembly(nn.Module):
     def mass(self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry) -> Float[Tensor, "*batch n n"]:
         """Consistent mass matrix M [kg] from the mass per area of the elements [kg/m²]."""
         coefficient = self.mass_coefficient(areal_mass, geometry)
-        return self._assemble(coefficient, self.mass_pattern[None], slice(6, 7))
+        mass = self._assemble(coefficient, self.mass_pattern[None], slice(6, 7))
+        if self.unevenness is None:
+            return mass
+        scale = Unevenness.measure(areal_mass, geometry) / self.unevenness.heavy
+        return mass + scale[..., None, None] * self.unevenness.mass
 
     def rows(self, vector: Float[Tensor, "*batch n_row n_dof"]) -> Float[Tensor, "*batch n_row n"]:
         """Rows over all dofs of the mesh, as rows over those of this assembly."""

@@ -1,0 +1,158 @@
+"""A plate whose section wanders around its mean: smooth terms of thickness and modulus, and a grain.
+
+Each term changes stiffness and mass of the elements by a standard deviation. How far a plate has each is not known;
+what its FRFs say of that can be put into a model (`wandered`), around which the rest is small enough to be linear.
+
+Source: Lindstrom and Bates, Nonlinear mixed effects models for repeated measures data, Biometrics 46 (1990) 673, for
+linearising about the nuisances as they are found, and not about none.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from torchplate.model import PlateModel
+from torchplate.model.extrapolation import on_mesh
+from torchplate.plate import Correction, Plan, Unevenness
+
+# Step of the plate's section from which the change of its matrices is taken: they are polynomials of low order in it.
+STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class Wandering:
+    """How far a plate's section is from uniform; standard deviations at a place, relative [-].
+
+    Args:
+        thickness: cold-rolled sheet keeps its thickness to about half a per cent within a sheet.
+        modulus: of Young's modulus, likewise.
+        grain: of E_y/E_x and of the shear modulus over the isotropic one, the whole plate alike: rolling leaves a
+            texture.
+        order: of the cosines cos(pπx) cos(qπy), p + q from 1 to this.
+    """
+
+    thickness: float = 5e-3
+    modulus: float = 5e-3
+    grain: float = 1e-2
+    order: int = 3
+
+
+# A plate that is the same everywhere.
+UNIFORM = Wandering(0.0, 0.0, 0.0, 0)
+
+
+class Term(NamedTuple):
+    """One way in which a section wanders, by one standard deviation.
+
+    Attributes:
+        name: of its group.
+        stiffness: of each element, over that of `coefficient`.
+        coefficient: what each stiffness pattern is times.
+        mass: more of each element, relative; None where there is none.
+    """
+
+    name: str
+    stiffness: Float[Tensor, " n_element"]
+    coefficient: Float[Tensor, " 6"]
+    mass: Float[Tensor, " n_element"] | None
+
+
+def terms(model: PlateModel, plan: Plan, wandering: Wandering) -> list[Term]:
+    """All of them.
+
+    What wanders is the plate around its mean section: patches of other stiffness in it count as the rest does.
+    """
+    section, place = plan.section, model.mesh.element_place.to(model.known)
+    rigidity = section.rigidity.mean(-3)[None]
+    coefficient = model.assembly.stiffness_coefficient(rigidity, plan.geometry)[0]
+    shapes = [
+        (math.pi * p * place[:, 0]).cos() * (math.pi * q * place[:, 1]).cos()
+        for total in range(1, wandering.order + 1)
+        for p, q in ((k, total - k) for k in range(total + 1))
+    ]
+    # So that all terms together are as large as the standard deviation says, on the mean over the plate.
+    size = 1 / math.sqrt(sum(float(one.square().mean()) for one in shapes)) if shapes else 0.0
+    found = []
+    for one in shapes:
+        if wandering.thickness > 0:
+            thicker = wandering.thickness * size * one
+            found.append(Term("thickness", 3 * thicker, coefficient, thicker))
+        if wandering.modulus > 0:
+            found.append(Term("modulus", wandering.modulus * size * one, coefficient, None))
+    if wandering.grain > 0:
+        everywhere = torch.full_like(place[:, 0], wandering.grain)
+        for changed in (
+            section._replace(young_ratio=section.young_ratio * (1 + STEP)),
+            section._replace(shear_factor=section.shear_factor * (1 + STEP)),
+        ):
+            change = (changed.rigidity.mean(-3)[None] - rigidity) / STEP
+            other = model.assembly.stiffness_coefficient(change, plan.geometry)[0]
+            found.append(Term("grain", everywhere, other, None))
+    return found
+
+
+class Elements:
+    """A model's elements in some coordinates: what changes of them add to its matrices.
+
+    Args:
+        model: whose elements they are.
+        plan: of its parameters.
+        shape: columns over the rows of its matrices; left out, these themselves.
+    """
+
+    def __init__(self, model: PlateModel, plan: Plan, shape: Float[Tensor, "n k"] | None = None) -> None:
+        rows = model.assembly.element_rows()
+        self._rows = rows if shape is None else rows @ shape
+        self._assembly = model.assembly
+        heavy = float(Unevenness.measure(plan.section.areal_mass, plan.geometry))
+        self._heavy = heavy * (model.assembly.mass_pattern.to(rows) @ self._rows).flatten(0, 1)
+        self._turned: dict[int, tuple[Tensor, Tensor]] = {}
+
+    def stiffness(self, weight: Float[Tensor, " n_element"], coefficient: Float[Tensor, " 6"]) -> Float[Tensor, "k k"]:
+        """What elements of so many times these coefficients add."""
+        # An element's matrix is the same everywhere: it takes the place of one of the two rows.
+        known = self._turned.get(id(coefficient))
+        if known is None:
+            turned = torch.einsum("k,kpq->pq", coefficient, self._assembly.pattern.to(self._rows)) @ self._rows
+            known = self._turned[id(coefficient)] = (coefficient, turned.flatten(0, 1))
+        return self._weighed(weight).mT @ known[1]
+
+    def mass(self, weight: Float[Tensor, " n_element"] | None) -> Float[Tensor, "k k"]:
+        """What elements heavier by these parts add."""
+        if weight is None:
+            return self._rows.new_zeros(self._rows.shape[-1], self._rows.shape[-1])
+        return self._weighed(weight).mT @ self._heavy
+
+    def _weighed(self, weight: Tensor) -> Tensor:
+        return (self._rows * weight[:, None, None]).flatten(0, 1)
+
+
+@torch.no_grad()
+def wandered(
+    model: PlateModel, theta: Float[Tensor, " n_parameter"], wandering: Wandering, shift: Float[Tensor, " n_term"]
+) -> PlateModel:
+    """The model with a plate that wanders.
+
+    Args:
+        model: in a basis.
+        theta: its searched parameters where the terms are meant.
+        wandering: how far it may.
+        shift: how far it does, in standard deviations of each term.
+    """
+    plan = model.plan(theta)
+    elements = Elements(model, plan)
+    uneven = torch.zeros(2, model.assembly.size, model.assembly.size).to(model.known)
+    for term, far in zip(terms(model, plan, wandering), shift.tolist(), strict=True):
+        uneven[0] += far * elements.stiffness(term.stiffness, term.coefficient)
+        if term.mass is not None:
+            uneven[1] += far * elements.mass(term.mass)
+    uneven = 0.5 * (uneven + uneven.mT)
+    measures = (
+        Correction.measure(plan.section.rigidity, plan.geometry),
+        Unevenness.measure(plan.section.areal_mass, plan.geometry),
+    )
+    return on_mesh(model, model.assembly.uneven(Unevenness(uneven[0], uneven[1], *measures)))
