@@ -141,7 +141,7 @@ class Scene:
         target = target.with_mesh_error(torch.zeros_like(SMALL_LINES), 0.0, 10)
         self.builder = ModelBuilder(small_plate(BOX), target, as_given=True)
         model = self.builder.given
-        self.look = Ranking(self.builder, {}, channels_of(model), lambda _: None)
+        self.ranking = Ranking(self.builder, {}, channels_of(model), lambda _: None)
         theta = torch.tensor([young or 2.05e11, 1e-2], dtype=torch.float64)
         if young is None:
             self.fit = fit(self.builder, model, model.space.to_cube(theta)[None], wide=False)
@@ -153,7 +153,7 @@ class Scene:
 
     def candidate(self, name: str) -> Candidate:
         """The effect as it may be missing."""
-        every = candidates(self.state.model, self.fit.theta, self.look.channels)
+        every = candidates(self.state.model, self.fit.theta, self.ranking.channels)
         return next(one for one in every if one.name == name)
 
     def hypothesis(self, name: str, start=0.5, state: State | None = None) -> Hypothesis:

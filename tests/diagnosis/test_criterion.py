@@ -253,7 +253,8 @@ def test_noise_is_what_noise_and_nuisances_of_a_usual_size_explain(judged, by_no
     last = fitted(200.0, by_noise=by_noise, gap=0.02, **judged)
     assert is_noise(last) == noise
     target = object.__new__(FrfTarget)
-    target.noise = SimpleNamespace(floor=0.01)  # type: ignore[assignment]
+    # Of a frozen target the noise alone is asked.
+    vars(target)["noise"] = SimpleNamespace(floor=0.01)
     assert is_explained(last, target) == noise
     # No wider than noise alone makes it: whatever the lines say of their variance.
     assert is_explained(last._replace(gap=0.0099), target) == by_noise

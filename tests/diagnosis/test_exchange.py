@@ -32,7 +32,7 @@ class Two:
         last = Naming(mass, choose([mass], named.fit), named.fit, (mass,))
         self.state = State(whole, mass.fit, (*state.named, last), state)
         self.said: list[str] = []
-        self.exchange = Exchange(self.builder, scene.look, {}, self.said.append)
+        self.exchange = Exchange(self.builder, scene.ranking, {}, self.said.append)
 
 
 @torch.no_grad()
@@ -110,7 +110,7 @@ def test_a_spring_and_a_dashpot_at_one_place_are_one_support(lab):
     both = named_after(scene, first, "ground_dashpot", x=x, y=y, viscous_damping=5.0)
     assert both.fit.reduced_misfit < 1.1
     said: list[str] = []
-    exchange = Exchange(scene.builder, scene.look, {}, said.append)
+    exchange = Exchange(scene.builder, scene.ranking, {}, said.append)
     found = exchange._as_one_support(both)
     assert [one.hypothesis.name for one in found.named] == ["support_spring"]
     assert found.fit.reduced_misfit < 1.1

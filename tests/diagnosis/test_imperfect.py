@@ -128,7 +128,7 @@ def test_two_swapped_references_among_twenty_bend_neither_modulus_nor_loss(lab):
     measured.frf[..., [0, 13]] = measured.frf[..., [13, 0]]
     selection = selection_of(measured, given(RESPONSE[:1], MANY))
     bent = selection.baseline()
-    robust, baseline = selection.robust(bent)
+    robust, baseline = selection.robust_baseline(bent)
     value = dict(zip(baseline.model.names, baseline.fit.theta.tolist(), strict=True))
     std = dict(zip(baseline.model.names, baseline.fit.covariance.diagonal().sqrt().tolist(), strict=True))
     for name, true in TRUE.items():
@@ -136,9 +136,8 @@ def test_two_swapped_references_among_twenty_bend_neither_modulus_nor_loss(lab):
         assert value[name] == pytest.approx(true, rel=2e-3, abs=4 * std[name])
     # Every fit sees both from here on; and then they are named.
     target = robust.builder.target
-    assert isinstance(target, FrfTarget)
     assert bool(target.fitted[0, [0, 13]].all())
-    ended, _ = robust.travel(baseline, 1)
+    ended, _ = robust.add_effects(baseline, 1)
     (one,) = ended.named
     assert one.hypothesis.name == "channel_swap"
     assert one.hypothesis.candidate.options == {"channels": ((None, MANY[0]), (None, MANY[13]))}

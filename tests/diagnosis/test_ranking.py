@@ -1,4 +1,4 @@
-"""One look over the catalogue: what came near before is tried again, and the best are followed to the end."""
+"""The catalogue beside one model: what came near before is tried again, and the best are followed to the end."""
 
 from dataclasses import replace
 
@@ -26,14 +26,14 @@ def test_what_came_near_before_is_tried_again_from_where_it_ended(scene):
     followed = Naming(mass, Choice(mass, (), gain, 1.0), scene.fit)
     model = with_candidate(scene.state.model, mass.label, mass.candidate)
     state = State(model, mass.fit, (followed,), scene.state, Ranked((), (mass, gain)))
-    (again,) = scene.look._again(state)
+    (again,) = scene.ranking._again(state)
     assert again.name == "sensor_gain"
     values = dict(zip(again.fit.model.names, again.fit.theta.tolist(), strict=True))
     assert values["sensor_gain_1.gain"] == pytest.approx(1.1, rel=0.01)
     assert "point_mass_1.mass" in values
     # Not where nothing was looked at before, nor what did not come near.
-    assert scene.look._again(scene.state) == []
-    assert scene.look._again(State(model, mass.fit, (followed,), scene.state, Ranked((), (mass,)))) == []
+    assert scene.ranking._again(scene.state) == []
+    assert scene.ranking._again(State(model, mass.fit, (followed,), scene.state, Ranked((), (mass,)))) == []
 
 
 @torch.no_grad()
@@ -52,8 +52,8 @@ def test_the_best_are_followed_as_long_as_that_takes_them_further(lab, scene, mo
         assert torch.allclose(start[0], one.fit.model.space.to_cube(one.fit.theta))
         return replace(one, fit=lab.leaving(one.fit, left[one.name].pop(0) * scene.fit.square))
 
-    monkeypatch.setattr(scene.look, "_refit", refit)
-    found = scene.look._run_off(scene.state, [ended, other])
+    monkeypatch.setattr(scene.ranking, "_refit", refit)
+    found = scene.ranking._run_off(scene.state, [ended, other])
     # A half less: once more. No less: that was the end.
     assert sorted(asked) == ["point_mass"] * 2 + ["time_delay"] * 2
     assert found[0].name == "point_mass"
@@ -75,7 +75,7 @@ def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, m
         base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
         every = screen(scene.builder, base, scene.fit.theta, [scene.candidate("sensor_gain")], {})
         starts.clear()
-        scene.look._down(scene.state, every)
+        scene.ranking._down(scene.state, every)
         (tried,) = starts
         column = every[0].model.names.index("plate.youngs_modulus")
         assert (len(tried) > len(every[0].starts)) == on_edge
@@ -90,7 +90,7 @@ def test_the_residual_force_says_where_to_start_and_how_large(lab):
     base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
     names = ("point_mass", "ground_spring", "stiffness_loss", "density")
     scored = screen(scene.builder, base, scene.fit.theta, [scene.candidate(name) for name in names], {})
-    found = {one.candidate.name: one for one in scene.look._from_force(scene.state, base, scored)}
+    found = {one.candidate.name: one for one in scene.ranking._from_force(scene.state, base, scored)}
     before = {one.candidate.name: one for one in scored}
     for name in ("stiffness_loss", "density"):
         assert found[name] is before[name]
@@ -137,7 +137,7 @@ def test_what_falls_behind_at_a_wide_level_goes_down_no_further_but_for_the_best
         return start, torch.full_like(start[:, 0], ended[promise.candidate.name][level])
 
     monkeypatch.setattr(module, "one_level", descend)
-    kept = scene.look._down(scene.state, every)
+    kept = scene.ranking._down(scene.state, every)
     went = [{name for level, name in asked if level == wanted} for wanted in range(3)]
     # Six times the best is near enough; and of what is left two go on, however far off the second is.
     assert went == [set(names), {"sensor_gain", "point_mass", "density"}, {"sensor_gain", "point_mass"}]
@@ -149,10 +149,10 @@ def test_what_falls_behind_at_a_wide_level_goes_down_no_further_but_for_the_best
 def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
     scene = lab.Scene(hidden={"wire": (700.0, 0.2)})
     spring = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
-    priced, supports = scene.look.as_supports(scene.state, spring)
+    priced, supports = scene.ranking.as_supports(scene.state, spring)
     assert "support_spring" in {one.name for one in supports}
     hopeless = replace(spring, fit=lab.leaving(spring.fit, 1e6))
-    assert scene.look.as_supports(scene.state, hopeless) == (hopeless, [])
+    assert scene.ranking.as_supports(scene.state, hopeless) == (hopeless, [])
     assert priced.label == spring.label
 
 
@@ -166,15 +166,15 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, 
     short = replace(right, fit=judged_at(scene.builder, right.fit, {}, right.fit.model.space.to_cube(theta)))
     assert short.cost > 1.5 * right.cost
     begun = []
-    refit = scene.look._refit
+    refit = scene.ranking._refit
 
     def told(state, candidate, label, starts, *others, **more):
         found = refit(state, candidate, label, starts, *others, **more)
         begun.append((found, starts))
         return found
 
-    monkeypatch.setattr(scene.look, "_refit", told)
-    again, supports = scene.look.as_supports(scene.state, short)
+    monkeypatch.setattr(scene.ranking, "_refit", told)
+    again, supports = scene.ranking.as_supports(scene.state, short)
     support = begun[0][0]
     assert support.name == "support_spring"
     (start,) = next(starts for found, starts in begun if found.name == "ground_spring")
@@ -188,5 +188,5 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, 
     assert torch.allclose(again.fit.theta, right.fit.theta, rtol=0.02)
     assert supports
     # One that came to its end is left as it is.
-    same, _ = scene.look.as_supports(scene.state, right)
+    same, _ = scene.ranking.as_supports(scene.state, right)
     assert same.fit is right.fit

@@ -105,10 +105,10 @@ def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):
     assert _chance(replace(naming, by_chance=0.0)) == ""
     best = naming.hypothesis
     for by_chance, n_sentences in ((123.4, 1), (0.0, 0)):
-        look = Ranked((), (best,), by_chance)
-        seen = Trace(after.builder, after.noise, best.fit, before.state, before.state, (look,), {})
+        ranked = Ranked((), (best,), by_chance)
+        seen = Trace(after.builder, after.noise, best.fit, before.state, before.state, (ranked,), {})
         said = _nothing_but_chance(seen)
         assert len(said) == n_sentences
         assert all("density, would take" in one and "takes 123 once" in one for one in said)
-    named = Trace(after.builder, after.noise, best.fit, before.state, after.state, (look,), {})
+    named = Trace(after.builder, after.noise, best.fit, before.state, after.state, (ranked,), {})
     assert _nothing_but_chance(named) == ()

@@ -3,12 +3,12 @@
 import pytest
 import torch
 
+from torchplate.diagnosis import smoothing
 from torchplate.diagnosis import target as module
-from torchplate.diagnosis.target import FrequencyTarget, FrfTarget
+from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy.measure import Measured
 from torchplate.discrepancy.norms import relative_frf_norm
 from torchplate.effects import CATALOGUE
-from torchplate.measurement import NaturalFrequencies
 from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
@@ -225,7 +225,7 @@ def test_a_pair_that_was_not_measured_counts_nowhere(lab, plate, true):
 
 def test_many_lines_are_thinned_where_they_are_smoothed(lab, plate, monkeypatch):
     """Twice as many lines as that takes: a wide level sees every other one, and says the same of the model."""
-    monkeypatch.setattr(module, "LEAST_SMOOTHED", 400)
+    monkeypatch.setattr(smoothing, "LEAST_SMOOTHED", 400)
     lines = torch.linspace(10.0, 340.0, 801, dtype=torch.float64)
     theta = TRUE * torch.tensor([[1.0], [1.02], [1.1]], dtype=torch.float64)
     every = plate.frf(theta, lines)
@@ -235,7 +235,8 @@ def test_many_lines_are_thinned_where_they_are_smoothed(lab, plate, monkeypatch)
     sharp = here.levels - 1
     assert torch.equal(here.predict(plate, theta, sharp), here.predict(plate, theta))
     assert here.predict(plate, theta).shape[1] == 801
-    monkeypatch.setattr(module, "LEAST_SMOOTHED", 801)
+    assert here.smoothing.every == 2
+    monkeypatch.setattr(smoothing, "LEAST_SMOOTHED", 801)
     whole = FrfTarget(measured, told(lab, std, every[0]), torch.zeros(2, 3, dtype=torch.bool))
     for level in range(sharp):
         found = here.predict(plate, theta, level)
@@ -244,22 +245,3 @@ def test_many_lines_are_thinned_where_they_are_smoothed(lab, plate, monkeypatch)
         assert float(thin[0].abs().max()) < 1e-9
         # A smooth window over half of the lines says nearly what it says over all of them.
         assert torch.allclose(thin.norm(dim=-1), full.norm(dim=-1), rtol=0.1)
-
-
-class TestTable:
-    def test_a_frequency_counts_in_its_own_uncertainty(self, plate):
-        table = NaturalFrequencies.from_mapping({4: 80.0, 6: 140.0}, {4: 0.4})
-        here = FrequencyTarget(table, 1e-3)
-        found = torch.tensor([80.8, 139.86], dtype=torch.float64)
-        assert here.residual(found, 0).tolist() == pytest.approx([-2.0, 1.0])
-        noise = here.marginal(plate, found)
-        judged = noise.judge(noise.over_noise(here.off(found)))
-        assert (judged.cost, judged.n) == (pytest.approx(5.0), 2)
-        assert float(here.gap(found)) == pytest.approx((0.5 * (0.01**2 + 0.001**2)) ** 0.5)
-        assert bool(here.gap(found, heldout=True).isnan())
-
-    def test_modes_are_counted_from_one(self, plate):
-        table = NaturalFrequencies.from_mapping({4: 80.0, 6: 140.0})
-        theta = torch.tensor([TRUE], dtype=torch.float64)
-        found = FrequencyTarget(table).predict(plate, theta)
-        assert torch.allclose(found, plate.natural_frequencies(theta, 6)[[3, 5]], rtol=1e-9)

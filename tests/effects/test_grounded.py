@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from torchplate.effects import GroundDashpot, GroundSpring, HystereticDamping, Plate
+from torchplate.effects import CATALOGUE, GroundDashpot, GroundSpring, HystereticDamping, Plate
 from torchplate.model import PlateModel
 from torchplate.plate import Mesh
 
@@ -46,3 +46,13 @@ def test_a_dashpot_adds_its_impedance_at_its_point(shape):
     gain = _stiffness_there(mesh, {"added": GroundDashpot()}, {"added.viscous_damping": viscous}) - bare
     expected = 1j * 2 * math.pi * LINES * viscous
     assert torch.allclose(gain, expected, rtol=1e-8, atol=1e-9 * float(bare.abs().max()))
+
+
+def test_what_ties_the_plate_to_the_ground_at_a_place_says_so_and_nothing_else_does():
+    found = {name: kind.to_ground for name, kind in CATALOGUE.items() if kind.to_ground}
+    assert found == {"ground_spring": "stiffness", "ground_dashpot": "viscous_damping"}
+    for name, key in found.items():
+        # A support there has a parameter of that name and unit.
+        own, of_support = (CATALOGUE[kind].parameters[key] for kind in (name, "support_spring"))
+        assert own.unit == of_support.unit
+        assert {"x", "y"} <= CATALOGUE[name].parameters.keys()

@@ -5,7 +5,6 @@ import math
 import pytest
 import torch
 
-from torchplate.diagnosis.rebuilding import known_values
 from torchplate.effects import DampingPatch, HystereticDamping, Plate, StiffnessLoss
 from torchplate.model import PlateModel
 from torchplate.model.extrapolation import extrapolate
@@ -109,7 +108,7 @@ def test_a_patch_turned_with_the_plate_is_the_same():
 
 
 def model_index(model: PlateModel, name: str) -> int:
-    return list(known_values(model)).index(name)
+    return list(model.known_values).index(name)
 
 
 def test_a_patch_over_the_whole_plate_is_another_plate():

@@ -5,7 +5,7 @@ import copy
 import pytest
 import torch
 
-from torchplate.effects import HystereticDamping, Plate, SupportSpring
+from torchplate.effects import CATALOGUE, HystereticDamping, Plate, SupportSpring
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
@@ -269,3 +269,66 @@ SHEET = {"plate.youngs_modulus": 2e11, "plate.poisson_ratio": 0.3, "plate.densit
 def test_a_model_that_cannot_be_says_what_to_mend(effects: dict, known: dict, searched: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         PlateModel(RECTANGLE, effects, known, searched)
+
+
+class TestReplaced:
+    @pytest.fixture
+    def model(self, plates) -> PlateModel:
+        return plates.build(RECTANGLE, {"lump.mass": 0.2}, INTERVALS, response=[3], reference=[7], kind="mobility")
+
+    def frf(self, model: PlateModel, plates, theta) -> torch.Tensor:
+        return model.frf(theta, lines(plates, RECTANGLE))
+
+    def test_what_is_left_out_stays_as_it_is(self, plates, model) -> None:
+        twin, theta = model.replaced(), members(model, seed=3)
+        assert twin is not model
+        assert twin.assembly is model.assembly
+        assert (twin.effects, twin.known_values, twin.searched) == (model.effects, model.known_values, model.searched)
+        assert twin.searched == INTERVALS
+        assert twin.known_values["lump.mass"] == 0.2
+        assert torch.equal(self.frf(twin, plates, theta), self.frf(model, plates, theta))
+
+    def test_an_effect_that_goes_takes_its_numbers_along(self, model) -> None:
+        kept = {label: effect for label, effect in model.effects.items() if label not in ("lump", "wires")}
+        twin = model.replaced(effects=kept)
+        assert set(twin.effects) == {"plate", "loss", "rayleigh"}
+        assert list(twin.searched) == ["plate.youngs_modulus", "loss.stiffness_loss_factor"]
+        assert not {"lump.mass", "wires.stiffness"} & twin.known_values.keys()
+        # The first is as it was.
+        assert list(model.searched) == list(INTERVALS)
+
+    def test_an_effect_more_brings_numbers_of_its_own(self, plates, model) -> None:
+        more = {**model.effects, "window": CATALOGUE["exponential_window"]()}
+        twin = model.replaced(effects=more, known=model.known_values | {"window.rate": 3.0})
+        theta = members(model, seed=4)
+        decayed = model.frf(theta, lines(plates, RECTANGLE), decay=3.0)
+        torch.testing.assert_close(self.frf(twin, plates, theta), decayed, rtol=1e-9, atol=0)
+
+    def test_what_is_searched_now_is_known_no_more(self, model) -> None:
+        mass = Searched(0.0, 1.0)
+        twin = model.replaced(searched=model.searched | {"lump.mass": mass})
+        assert twin.searched == {**INTERVALS, "lump.mass": mass}
+        assert "lump.mass" not in twin.known_values
+        assert twin.known_values.keys() == model.known_values.keys() - {"lump.mass"}
+
+    def test_the_numbers_of_one_member_make_a_model_that_answers_as_it_does(self, plates, model) -> None:
+        theta = members(model, seed=5)
+        every = model.as_dict(theta)
+        assert every == model.known_values | dict(zip(model.names, theta.tolist(), strict=True))
+        fixed = model.replaced(known=every, searched={})
+        assert fixed.names == ()
+        assert torch.equal(self.frf(fixed, plates, plates.nothing), self.frf(model, plates, theta))
+
+    def test_a_mesh_that_an_effect_has_split_is_split_once(self) -> None:
+        effects = {"plate": Plate(), "finer": CATALOGUE["mesh_discretisation"](refine=3)}
+        known = {"plate.youngs_modulus": 7e10, "plate.poisson_ratio": 0.3, "plate.density": 2700.0}
+        twin = PlateModel(RECTANGLE, effects, known | {"plate.thickness": 2e-3}).replaced()
+        assert twin.mesh.refine == 3
+        assert list(twin.effects) == ["plate"]
+
+    def test_a_number_of_nobody_is_refused(self, model) -> None:
+        with pytest.raises(ValueError, match=r"No parameter named 'lump\.weight'"):
+            model.replaced(known=model.known_values | {"lump.weight": 0.1})
+        # What was searched and is neither searched nor known has no value.
+        with pytest.raises(ValueError, match=r"a value or an interval for 'plate\.youngs_modulus'"):
+            model.replaced(searched={})

@@ -4,9 +4,8 @@
 - `candidates`: what may be missing; `selection`: which of it is added.
 - `table`: the same for a table of natural frequencies, where every hypothesis can be weighed.
 - `holdout`: the FRFs that no fit sees; `tolerance`: numbers that are known as well as a ruler knows them.
-- `target`: what the models are held against, and residuals from wide to sharp.
+- `target`: what the models are held against, and residuals from wide to sharp; `smoothing`: of the wide ones.
 - `model_builder`: one mesh for all models, its error taken off, and bases that are right where they are used.
-- `rebuilding`: the same plate with other effects or other numbers.
 - `fit`: the refit of one hypothesis; `basins`: where it begins when nothing is known.
 - `localise`: where the misfit sits: in frequency, in the channels, on the plate, and of which kind it is.
 - `assurance`: FRAC, CSAC, CSF and FDAC of what was measured with a model.

@@ -64,8 +64,7 @@ def _basins(
     problem = Problem(builder, builder.reduced(builder.corrected(model, theta).model, theta[None]), prior)
     value = problem.residual(members, 0).square().sum(-1)
     ends = members[value.argsort()[:N_DESCEND]]
-    if builder.target.levels > 1:
-        ends, _ = widely(problem, ends, keep=N_DESCEND // 2)
+    ends, _ = widely(problem, ends, keep=N_DESCEND // 2)
     basins: list[Tensor] = []
     for end in ends:
         if all(float((end - other).abs().max()) > SAME for other in basins):

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.settings import Comparison
-from torchplate.diagnosis.target import DOUBTFUL, TableNoise, Target
+from torchplate.diagnosis.target import DOUBTFUL, FrfTarget
 from torchplate.discrepancy.marginal import Judged, Marginal
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
@@ -65,7 +65,7 @@ class Fit(NamedTuple):
     judged: Judged
     prior: float
     gap: float
-    marginal: Marginal | TableNoise
+    marginal: Marginal
     information: Float[Tensor, "n_parameter n_parameter"]
     told: Float[Tensor, " n_parameter"]
     n_on_bound: int = 0
@@ -104,7 +104,7 @@ class Problem:
     """
 
     def __init__(
-        self, builder: ModelBuilder, model: PlateModel, prior: Prior, marginal: Marginal | TableNoise | None = None
+        self, builder: ModelBuilder, model: PlateModel, prior: Prior, marginal: Marginal | None = None
     ) -> None:
         self.builder, self.model, self.marginal = builder, model, marginal
         self._roughly = model.without_coupling()
@@ -118,7 +118,7 @@ class Problem:
         return bool(self._index)
 
     @property
-    def target(self) -> Target:
+    def target(self) -> FrfTarget:
         """What it is held against."""
         return self.builder.target
 
@@ -235,7 +235,7 @@ def fit(
             corrected = builder.corrected(model, theta)[0]
         reduced = builder.reduced(corrected, theta[None])
         starts = start if turn == 0 else position[None]
-        if turn == 0 and wide and target.levels > 1:
+        if turn == 0 and wide:
             starts, _ = widely(Problem(builder, reduced, prior), starts, keep=2)
         marginal = target.marginal(reduced, model.space.to_si(starts[0]))
         problem = Problem(builder, reduced, prior, marginal)
@@ -291,7 +291,7 @@ def _judged(
     reduced: PlateModel,
     prior: Prior,
     position: Tensor,
-    marginal: Marginal | TableNoise,
+    marginal: Marginal,
 ) -> Fit:
     """A fitted model beside noise and nuisances."""
     target, theta = builder.target, model.space.to_si(position)

@@ -15,8 +15,7 @@ from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.held_edges import held_again, held_edges, on_springs
-from torchplate.diagnosis.rebuilding import known_values, rebuilt, searched, with_numbers
-from torchplate.diagnosis.target import FrfTarget, Target
+from torchplate.diagnosis.target import FrfTarget
 from torchplate.model import PlateModel
 from torchplate.model.extrapolation import Extrapolated, extrapolate, on_mesh
 from torchplate.model.reduced_basis import ritz_basis
@@ -58,7 +57,7 @@ class ModelBuilder:
     """
 
     def __init__(
-        self, model: PlateModel, target: Target, as_given: bool = False, fineness: Fineness = SEARCHING
+        self, model: PlateModel, target: FrfTarget, as_given: bool = False, fineness: Fineness = SEARCHING
     ) -> None:
         self.target, self.as_given, self.fineness = target, as_given, fineness
         self._count = [0]
@@ -67,8 +66,7 @@ class ModelBuilder:
         self.mesh = model.mesh if as_given else working_mesh(model.mesh, fineness.least)
         self._assembly = Assembly(self.mesh, dense=False).to(model.known)
         self._finer: Assembly | None = None
-        self.top = float(target.frequency.max()) if isinstance(target, FrfTarget) else 0.0
-        self.n_mode = 0 if isinstance(target, FrfTarget) else int(target.mode.max()) + 1  # type: ignore[attr-defined]
+        self.top = float(target.frequency.max())
         self.given = self.adopt(model)
 
     @property
@@ -93,7 +91,7 @@ class ModelBuilder:
             finer = dataclasses.replace(self.mesh, refine=2 * self.mesh.refine)
             self._finer = Assembly(finer, dense=False).to(model.known)
         plain = on_mesh(model, self._assembly)
-        return extrapolate(plain, self.top or None, theta, self._finer)
+        return extrapolate(plain, self.top, theta, self._finer)
 
     def corrected_as(self, model: PlateModel, near: PlateModel) -> PlateModel:
         """A model with what was taken off as mesh error of one that is much the same: at no cost.
@@ -107,16 +105,15 @@ class ModelBuilder:
 
     def finished(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> PlateModel:
         """A model with its searched parameters at these values, and what did not yield held as in the given one."""
-        numbers = with_numbers(model, theta)
+        numbers = model.replaced(known=model.as_dict(theta), searched={})
         again = held_again(numbers, self.held)
-        return numbers if again is numbers else extrapolate(again, self.top or None).model
+        return numbers if again is numbers else extrapolate(again, self.top).model
 
     def reduced(
         self, model: PlateModel, members: Float[Tensor, "n_member n_parameter"], by_element: bool | None = None
     ) -> PlateModel:
         """A model in the modes of some of its members, and the static residual of the higher ones."""
-        lines = torch.tensor([self.top]).to(model.known) if self.top else None
-        basis = ritz_basis(model, members, lines, self.n_mode, MARGIN)
+        basis = ritz_basis(model, members, torch.tensor([self.top]).to(model.known), 0, MARGIN)
         if by_element is None:
             return model.projected(basis)
         return on_mesh(model, Assembly(self.mesh, basis, by_element, model.assembly.correction))
@@ -134,8 +131,6 @@ class ModelBuilder:
         Args:
             found: a model of this builder, with natural frequencies and their errors.
         """
-        if not isinstance(self.target, FrfTarget):
-            return self
         worst = found.error.abs().cummax(0).values
         line = self.target.frequency.to(found.frequency)
         at = torch.searchsorted(found.frequency.contiguous(), line.contiguous()).clamp(max=len(worst) - 1)
@@ -143,7 +138,7 @@ class ModelBuilder:
         in_band = int((found.frequency <= self.top).sum())
         return self.against(self.target.with_mesh_error(shift, self.fineness.shape, in_band))
 
-    def against(self, target: Target) -> "ModelBuilder":
+    def against(self, target: FrfTarget) -> "ModelBuilder":
         """The same beside another target; meshes are shared."""
         twin = copy.copy(self)
         twin.target = target
@@ -160,12 +155,8 @@ def with_candidate(model: PlateModel, label: str, candidate: Candidate) -> Plate
     """The model with one more effect, whose parameters are searched; without the one that it stands for."""
     if candidate.replaces:
         model = _without(model, candidate.replaces)
-    return rebuilt(
-        model,
-        {**model.effects, label: candidate.effect},
-        known_values(model),
-        {**searched(model), **{f"{label}.{key}": interval for key, interval in candidate.searched.items()}},
-    )
+    more = {f"{label}.{key}": interval for key, interval in candidate.searched.items()}
+    return model.replaced(effects={**model.effects, label: candidate.effect}, searched=model.searched | more)
 
 
 def without_candidate(model: PlateModel, label: str, candidate: Candidate) -> PlateModel:
@@ -175,12 +166,8 @@ def without_candidate(model: PlateModel, label: str, candidate: Candidate) -> Pl
         return model
     back = {f"{candidate.replaces}.{name}": value for name, value in candidate.neutral.items()}
     effects = {**model.effects, candidate.replaces: candidate.effect}
-    return rebuilt(model, effects, known_values(model) | back, searched(model))
+    return model.replaced(effects=effects, known=model.known_values | back)
 
 
 def _without(model: PlateModel, label: str) -> PlateModel:
-    kept = {key: effect for key, effect in model.effects.items() if key != label}
-    prefix = f"{label}."
-    known = {key: value for key, value in known_values(model).items() if not key.startswith(prefix)}
-    wanted = {key: interval for key, interval in searched(model).items() if not key.startswith(prefix)}
-    return rebuilt(model, kept, known, wanted)
+    return model.replaced(effects={key: effect for key, effect in model.effects.items() if key != label})

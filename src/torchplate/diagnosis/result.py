@@ -110,7 +110,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class Step:
-    """The gap after one step of the road: the baseline, an effect added, an effect removed.
+    """The gap after one step of the selection: the baseline, an effect added, an effect removed.
 
     Attributes:
         label: "baseline", or what was done: "+ point_mass", "- sensor_gain".

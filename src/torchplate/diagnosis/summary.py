@@ -1,4 +1,4 @@
-"""From the road travelled to what is said of it: verdict, names, evidence, what is missing, what to measure next."""
+"""From what was fitted to what is said of it: verdict, names, evidence, what is missing, what to measure next."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,6 @@ from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Location, Name
 from torchplate.diagnosis.selection.criterion import Hypothesis, evidence, excessive, is_explained, weight_of
 from torchplate.diagnosis.selection.screen import twins
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
-from torchplate.diagnosis.target import FrequencyTarget, FrfTarget
 from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel
 
@@ -31,8 +30,6 @@ NUISANCES = {
     "grain": "a grain",
     "mesh": "an error of the mesh",
 }
-# Modes that are named where a table is left unexplained.
-N_WORST = 4
 # Of the standard normal distribution, at 95 %.
 QUANTILE = 1.645
 
@@ -41,7 +38,7 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
     """Everything that is reported.
 
     Args:
-        seen: what the road has seen.
+        seen: what was fitted.
         seconds: that it took.
     """
     builder, noise, baseline, final = seen.builder, seen.noise, seen.baseline, seen.final
@@ -50,15 +47,15 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
     effects = tuple(_named(builder, one, final) for one in final.named)
     sets = [(one.name, *one.equivalent) for one in effects]
     unexplained = verdict in ("unexplained", "partly_explained")
-    n_frf = len(builder.target.measurement.pairs) if isinstance(builder.target, FrfTarget) else 0
+    n_frf = len(builder.target.measurement.pairs)
     symmetric = bool(effects) and _on_symmetry(builder.given)
     return Diagnosis(
         verdict=verdict,
         # Where nothing of the catalogue accounts for what is missing, a finer mesh is no name for it: it is a remark.
         effects=effects if verdict == "unexplained" else (*finer, *effects),
         gap=_gap(builder, _first(seen, bool(finer)), final.fit),
-        location=_location(builder, noise, baseline, final),
-        scores=tuple(_table(one, effects, builder) for one in seen.looks),
+        location=_location(builder, baseline, final),
+        scores=tuple(_table(one, effects, builder) for one in seen.rankings),
         steps=_steps(seen, bool(finer)),
         missing=_missing(builder, noise, final, verdict),
         remarks=(
@@ -194,16 +191,13 @@ def _gap(builder: ModelBuilder, before: Fit, after: Fit) -> Gap:
         value = float(builder.target.gap(fit.prediction, heldout))
         return None if math.isnan(value) else value
 
-    expected = None
-    if isinstance(builder.target, FrfTarget):
-        expected = builder.target.expected_gap(after.marginal)
     return Gap(
         one(before, False) or 0.0,
         one(after, False) or 0.0,
         one(before, True),
         one(after, True),
         builder.target.floor,
-        expected,
+        builder.target.expected_gap(after.marginal),
     )
 
 
@@ -235,14 +229,14 @@ def _steps(seen: Trace, finer: bool) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def _table(look: Ranked, effects: Sequence[Named], builder: ModelBuilder) -> tuple[Scored, ...]:
-    """The score table of one look: of each effect the option that promises most."""
-    alike = twins(look.promises)
-    refits = {one.name: one for one in sorted(look.hypotheses, key=lambda one: -one.cost)}
+def _table(ranked: Ranked, effects: Sequence[Named], builder: ModelBuilder) -> tuple[Scored, ...]:
+    """The score table of one ranking: of each effect the option that promises most."""
+    alike = twins(ranked.promises)
+    refits = {one.name: one for one in sorted(ranked.hypotheses, key=lambda one: -one.cost)}
     named = {one.name for one in effects}
     equivalent = {other for one in effects for other in one.equivalent}
     rows: dict[str, Scored] = {}
-    for promise, near in zip(look.promises, alike, strict=True):
+    for promise, near in zip(ranked.promises, alike, strict=True):
         name = promise.candidate.name
         if name in rows:
             continue
@@ -260,10 +254,8 @@ def _table(look: Ranked, effects: Sequence[Named], builder: ModelBuilder) -> tup
     return tuple(rows.values())
 
 
-def _location(builder: ModelBuilder, noise: Noise | None, baseline: State, final: State) -> Location:
+def _location(builder: ModelBuilder, baseline: State, final: State) -> Location:
     target = builder.target
-    if not isinstance(target, FrfTarget) or noise is None:
-        return Location((), (), {}, None)
     return localise(
         target.measurement,
         target.variance.sqrt(),
@@ -275,18 +267,11 @@ def _location(builder: ModelBuilder, noise: Noise | None, baseline: State, final
     )
 
 
-def _missing(builder: ModelBuilder, noise: Noise | None, final: State, verdict: Verdict) -> tuple[str, ...]:
+def _missing(builder: ModelBuilder, noise: Noise, final: State, verdict: Verdict) -> tuple[str, ...]:
     """What is left without a name: how big, where, in which band, of which kind."""
     target = builder.target
     if verdict in ("consistent", "explained"):
         return ()
-    if isinstance(target, FrequencyTarget):
-        off = target.residual(final.fit.prediction, 0)
-        worst = off.abs().argsort(descending=True)[:N_WORST].tolist()
-        named = ", ".join(f"mode {int(target.mode[k]) + 1} by {-float(off[k]):+.1f}" for k in worst)
-        return (f"In standard deviations of the table, the model is off in {named}.",)
-    assert isinstance(target, FrfTarget)
-    assert noise is not None
     gap = float(target.gap(final.fit.prediction))
     left = localise(
         target.measurement,
@@ -314,8 +299,8 @@ def _would_take(fit: Fit) -> tuple[str, ...]:
     return (f"To explain it without any effect would take {', and '.join(parts)}.",) if parts else ()
 
 
-def _remarks(noise: Noise | None, final: State, prior: Prior) -> tuple[str, ...]:
-    sentences = list(() if noise is None else noise.sentences)
+def _remarks(noise: Noise, final: State, prior: Prior) -> tuple[str, ...]:
+    sentences = list(noise.sentences)
     model, theta = final.fit.model, final.fit.theta
     values = dict(zip(model.names, theta.tolist(), strict=True))
     for name, (mean, std) in prior.items():
@@ -334,14 +319,14 @@ def _remarks(noise: Noise | None, final: State, prior: Prior) -> tuple[str, ...]
 
 def _nothing_but_chance(seen: Trace) -> tuple[str, ...]:
     """What the best of the catalogue would take where nothing was named, beside what chance takes."""
-    if seen.final.named or not seen.looks or seen.looks[0].by_chance <= 0 or not seen.looks[0].hypotheses:
+    if seen.final.named or not seen.rankings or seen.rankings[0].by_chance <= 0 or not seen.rankings[0].hypotheses:
         return ()
-    look = seen.looks[0]
-    best = min(look.hypotheses, key=lambda one: one.cost)
+    ranked = seen.rankings[0]
+    best = min(ranked.hypotheses, key=lambda one: one.cost)
     fall = max(0.0, seen.baseline.fit.cost - best.fit.cost)
     return (
         f"The best of the catalogue, {best.name}, would take {fall:.3g} from −2 ln L; where nothing is "
-        f"missing, the best takes {look.by_chance:.3g} once in a hundred times.",
+        f"missing, the best takes {ranked.by_chance:.3g} once in a hundred times.",
     )
 
 
@@ -357,10 +342,8 @@ def _still_rigid(final: State) -> set[str]:
     }
 
 
-def _overlay(builder: ModelBuilder, noise: Noise | None, before: Fit, after: Fit) -> Overlay | None:
+def _overlay(builder: ModelBuilder, noise: Noise, before: Fit, after: Fit) -> Overlay:
     target = builder.target
-    if not isinstance(target, FrfTarget) or noise is None:
-        return None
     return Overlay(target.measurement, noise.std, before.prediction, after.prediction, target.heldout)
 
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from torchplate.diagnosis.fit import Prior
-from torchplate.diagnosis.rebuilding import known_values, rebuilt, searched
 from torchplate.effects import AspectRatio
 from torchplate.model import PlateModel, Searched
 
@@ -46,7 +45,7 @@ def with_tolerances(model: PlateModel, tolerance: Mapping[str, float]) -> Held:
     Raises:
         ValueError: if there is no number of that name.
     """
-    known = known_values(model)
+    known = model.known_values
     own = {key: std for key, std in tolerance.items() if not key.startswith("mesh.") and std > 0}
     for key in (*own, *(key for key in tolerance if key.startswith("mesh.") and key not in MESH)):
         if key not in known:
@@ -77,6 +76,6 @@ def with_tolerances(model: PlateModel, tolerance: Mapping[str, float]) -> Held:
     rest = {key: value for key, value in known.items() if key not in wanted}
     # Valleys, as of E h³ and ρ h, are products of powers and as long as what is known lets them be: straight in logs.
     straight = {
-        key: replace(interval, logarithmic=interval.low > 0) for key, interval in (searched(model) | wanted).items()
+        key: replace(interval, logarithmic=interval.low > 0) for key, interval in (model.searched | wanted).items()
     }
-    return Held(rebuilt(model, effects, rest, straight), prior)
+    return Held(model.replaced(effects=effects, known=rest, searched=straight), prior)

@@ -99,6 +99,9 @@ class Effect(ABC):
 
     An effect whose parameters depend on its options sets `parameters` on the instance too; those of the class are then
     an example.
+
+    `to_ground` is the parameter by which an effect at a place (x, y) ties the plate to the ground there, as a support
+    would; None for all other effects.
     """
 
     name: ClassVar[str]
@@ -108,6 +111,7 @@ class Effect(ABC):
     source: ClassVar[str]
     stage: ClassVar[int] = 2
     check: ClassVar[Check | None] = None
+    to_ground: ClassVar[str | None] = None
 
     def __init_subclass__(cls) -> None:
         """Enter the catalogue under the class's name in snake case."""

@@ -26,6 +26,7 @@ class GroundDashpot(Effect):
     }
     check = Check(2, "look for what touches the plate at the place found, and test without it")
     acts_on = frozenset({"damping"})
+    to_ground = "viscous_damping"
     shows = (
         "Widens every mode that moves there by the same number of hertz per φ²; a mode with a nodal line there stays."
     )

@@ -26,6 +26,7 @@ class GroundSpring(Effect):
     }
     check = Check(2, "look for what touches the plate at the place found, and test without it")
     acts_on = frozenset({"stiffness"})
+    to_ground = "stiffness"
     shows = (
         "Lifts every mode that moves there, low modes most since ω² grows by kφ²; a mode with a nodal line there stays."
     )

@@ -1,8 +1,11 @@
 """What a sensor would read: mesh and effects in, natural frequencies and frequency response functions out.
 
 - `parameter_space`: what is searched; the unit cube against SI units.
+- `declared`: what its effects declare, sorted into known and searched.
 - `modes`: batched natural frequencies and mode shapes.
 - `frf`: receptances by modal sum, exact for local dashpots, and the direct solve that referees them.
+- `modal_solution`: the solve of one batch by the modes of each member.
+- `rearranged`: FRFs that an effect only exchanges or turns.
 - `gradient`: their derivatives, exact where natural frequencies repeat too; `impedance`, `loewner`: below them.
 - `fine_mesh`: one member in sparse matrices, where dense ones would be too large.
 - `extrapolation`: the mesh error taken off, from a mesh twice as fine.

@@ -20,6 +20,7 @@ from torchplate.model.arguments import (
     check_range,
     limits,
 )
+from torchplate.model.declared import declared
 from torchplate.model.frf import (
     KINDS,
     as_kind,
@@ -29,11 +30,11 @@ from torchplate.model.frf import (
     lines_at_once,
     sensor_chain,
 )
-from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
-from torchplate.model.impedance import scattered
+from torchplate.model.modal_solution import modal_solution
 from torchplate.model.modal_sum import MEMBERS_AT_ONCE
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
-from torchplate.model.parameter_space import ParameterSpace, Searched
+from torchplate.model.parameter_space import Searched
+from torchplate.model.rearranged import rearranged
 from torchplate.model.shared_modes import SharedModes
 from torchplate.plate import Assembly, Geometry, Local, Mesh, Plan, System
 from torchplate.plate.transforms import transformed
@@ -81,7 +82,6 @@ class PlateModel(nn.Module):
         assembly: Assembly | None = None,
     ) -> None:
         super().__init__()
-        searched = dict(searched or {})
         self.effects = dict(effects)
         self.response, self.reference, self.kind, self.memory = response, reference, kind, memory
         if sum(isinstance(effect, Plate) for effect in self.effects.values()) != 1:
@@ -91,32 +91,8 @@ class PlateModel(nn.Module):
         for effect in self.effects.values():
             mesh = effect.discretise(mesh)
         self.mesh = mesh
-        everything = {
-            f"{label}.{name}": parameter
-            for label, effect in self.effects.items()
-            for name, parameter in effect.parameters.items()
-        }
-        for key in [*known, *searched]:
-            if key not in everything:
-                raise ValueError(f"No parameter named '{key}'. The model has: {', '.join(everything)}.")
-        values = []
-        for key, parameter in everything.items():
-            if key in searched:
-                ends = (searched[key].low, searched[key].high)
-            elif (value := known.get(key, parameter.neutral)) is not None:
-                values.append(value)
-                ends = (value, value)
-            else:
-                raise ValueError(f"Expected a value or an interval for '{key}' [{parameter.unit}], got none. Add it.")
-            for end in ends:
-                if end not in parameter.allowed:
-                    raise ValueError(
-                        f"Expected '{key}' {parameter.allowed} [{parameter.unit}], got {end:g}. Correct it."
-                    )
-        names = [key for key in everything if key in searched]
-        self.space = ParameterSpace(names, [everything[k].unit for k in names], [searched[k] for k in names])
+        values, self._searched, self.space = declared(self.effects, known, searched or {})
         self.register_buffer("known", torch.tensor(values, dtype=torch.float64))
-        self._searched = [everything[key] for key in names]
         self.register_buffer("limit", limits(self.space, self._searched), persistent=False)
         self.assembly = Assembly(mesh) if assembly is None else assembly
         self.shared_modes: SharedModes | None = None
@@ -175,11 +151,77 @@ class PlateModel(nn.Module):
         """Their SI units."""
         return self.space.units
 
+    @property
+    def known_values(self) -> dict[str, float]:
+        """Values of all that is not searched: "label.parameter" → value in SI units."""
+        return {
+            key: value
+            for key, value in self._everything(self.known.new_zeros(len(self.names)))
+            if key not in self.names
+        }
+
+    @property
+    def searched(self) -> dict[str, Searched]:
+        """Intervals of all that is searched, by "label.parameter"."""
+        ends = zip(self.space.low.tolist(), self.space.high.tolist(), self.space.logarithmic.tolist(), strict=True)
+        return {name: Searched(*one) for name, one in zip(self.names, ends, strict=True)}
+
+    def as_dict(self, theta: Float[Tensor, " n_parameter"]) -> dict[str, float]:
+        """All parameters of one member: "label.parameter" → value in SI units, known and searched.
+
+        Args:
+            theta: its searched parameters.
+        """
+        return dict(self._everything(theta))
+
+    def replaced(
+        self,
+        *,
+        effects: Mapping[str, Effect] | None = None,
+        known: Mapping[str, float] | None = None,
+        searched: Mapping[str, Searched] | None = None,
+    ) -> "PlateModel":
+        """A model of the same mesh, assembly and channels, and of other effects or numbers.
+
+        What is left out stays as it is; of effects that are no longer there it goes. An effect that has split the mesh
+        goes too, since the mesh is already what it has made of it.
+
+        Args:
+            effects: label → effect.
+            known: "label.parameter" → value in SI units.
+            searched: "label.parameter" → interval; what is also known is searched.
+
+        Raises:
+            ValueError: as for a new model.
+        """
+        every = self.effects if effects is None else effects
+        kept = {label: effect for label, effect in every.items() if effect.discretise(self.mesh) is self.mesh}
+        parameters = {f"{label}.{name}" for label, effect in kept.items() for name in effect.parameters}
+        own = {key: value for key, value in self.known_values.items() if key in parameters}
+        box = {key: interval for key, interval in self.searched.items() if key in parameters}
+        return PlateModel(
+            self.mesh,
+            kept,
+            own if known is None else known,
+            box if searched is None else searched,
+            self.response,
+            self.reference,
+            self.kind,
+            self.memory,
+            self.assembly,
+        ).to(self.known.device)
+
     def extra_repr(self) -> str:
         """One line for `print(model)`."""
         return (
             f"effects={list(self.effects)}, searched={list(self.names)}, n_dof={self.assembly.size}, kind={self.kind}"
         )
+
+    def _twin(self) -> "PlateModel":
+        """The same model, of which attributes can be changed; what they hold is shared."""
+        twin = copy.copy(self)
+        twin._modules = dict(self._modules)
+        return twin
 
     def projected(
         self, basis: Float[Tensor, "n_free n_basis"], shared_modes: SharedModes | None = None
@@ -190,8 +232,7 @@ class PlateModel(nn.Module):
             basis: its columns.
             shared_modes: of all members, if they have any; the columns are then these modes.
         """
-        twin = copy.copy(self)
-        twin._modules = dict(self._modules)
+        twin = self._twin()
         section = self.plan(self.space.to_si(torch.full((len(self.names),), 0.5).to(self.known))).section
         by_element = any(part is not None and part.shape[-1] > 1 for part in section)
         # On all dofs, members that share their modes need no matrix any more.
@@ -207,8 +248,7 @@ class PlateModel(nn.Module):
         square of the loss factor over how far modes are apart, and several times as fast. For values alone: its
         gradients are those of the modes held as they are.
         """
-        twin = copy.copy(self)
-        twin._modules = dict(self._modules)
+        twin = self._twin()
         twin.couples_modes = False
         return twin
 
@@ -226,8 +266,7 @@ class PlateModel(nn.Module):
                 "Expected a model with matrices of its own, got one in a basis of shared modes. Give the model before "
                 "`reduce`, or in the basis of `ritz_basis`."
             )
-        twin = copy.copy(self)
-        twin._modules = dict(self._modules)
+        twin = self._twin()
         twin.damping_factor = factor.to(self.known)
         return twin
 
@@ -240,8 +279,7 @@ class PlateModel(nn.Module):
         where members share no modes. How far a line is from a pole is found in double precision all the same, and
         derivatives never leave it.
         """
-        twin = copy.copy(self)
-        twin._modules = dict(self._modules)
+        twin = self._twin()
         twin.in_single = self.shared_modes is not None and self.shared_modes.single_error <= SINGLE_TOLERANCE
         return twin
 
@@ -265,6 +303,10 @@ class PlateModel(nn.Module):
             }
             for label, effect in self.effects.items()
         }
+
+    def _everything(self, theta: Float[Tensor, " n_parameter"]) -> Iterator[tuple[str, float]]:
+        for label, own in self.values(theta).items():
+            yield from ((f"{label}.{name}", float(value)) for name, value in own.items())
 
     def plan(self, theta: Float[Tensor, "*batch n_parameter"]) -> Plan:
         """What the effects make of theta: sides, section, local terms and damping."""
@@ -343,20 +385,6 @@ class PlateModel(nn.Module):
         found = joined(parts, 0).reshape(*theta.shape[:-1], n_mode)
         return found.float() if single else found
 
-    def forward(
-        self,
-        theta: Numbers,
-        frequency: Numbers,
-        response: Points | None = None,
-        reference: Points | None = None,
-        kind: str | None = None,
-        decay: float = 0.0,
-        *,
-        check: bool = True,
-    ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
-        """The same as `frf`."""
-        return self.frf(theta, frequency, response, reference, kind, decay, check=check)
-
     def frf(
         self,
         theta: Numbers,
@@ -399,6 +427,9 @@ class PlateModel(nn.Module):
             found = joined(parts, 0).reshape(*theta.shape[:-1], *parts[0].shape[1:])
         return found.to(torch.complex64) if single else found
 
+    # Called, a module runs `forward`.
+    forward = frf
+
     def _points(
         self, response: Points | None, reference: Points | None, kind: str | None
     ) -> tuple[Tensor, Tensor | None, str]:
@@ -427,23 +458,8 @@ class PlateModel(nn.Module):
             whole = self._observed(theta, plan, laplace, (response, reference, kind), of_plan)
             return whole.expand(len(theta), *whole.shape[-3:])
         system = self.assembly.system(*plan)
-        modes = frozen_modes(system.stiffness, system.mass)
-
-        def solve(s: Tensor, left: Tensor, right: Tensor) -> Tensor:
-            impedance = modal_impedance(system, modes, s)
-            if self.damping_factor is not None:
-                impedance = scattered(impedance, self.damping_factor)
-            if impedance.hysteretic is not None and not self.couples_modes:
-                own_loss = impedance.hysteretic.diagonal(dim1=-2, dim2=-1)
-                impedance = impedance._replace(hysteretic=torch.diag_embed(own_loss))
-            rows = [row @ modes.shape for row in (left, right)]
-            at_once = lines_at_once(self.memory // 2, len(theta), left, right, system)
-            parts = [
-                differentiable_receptance(impedance._replace(laplace=lines), rows[0], rows[1])
-                for lines in s.split(at_once, dim=-1)
-            ]
-            return joined(parts, -3)
-
+        at_once = functools.partial(lines_at_once, self.memory // 2, len(theta))
+        solve = modal_solution(system, at_once, self.damping_factor, self.couples_modes)
         whole = self._observed(theta, plan, laplace, (response, reference, kind), solve)
         return whole.expand(len(theta), *whole.shape[-3:])
 
@@ -521,18 +537,8 @@ class PlateModel(nn.Module):
         Returns:
             Them; None for an effect that does more than that.
         """
-        if effect.acts_on != {"sensor chain"} or effect.parameters:
-            return None
         response, reference, _ = self._points(None, None, None)
-        laplace = torch.zeros(frf.shape[-3], dtype=frf.dtype, device=frf.device)
-        plain = sensor_chain(laplace, response, reference)
-        geometry = Geometry(*(self.known.new_tensor(side) for side in (self.mesh.length_x, self.mesh.length_y)))
-        chain = effect.observe(self.mesh, plain, {}, geometry)
-        if chain.laplace is not plain.laplace or chain.response is not plain.response:
-            return None
-        if chain.reading is not None:
-            frf = frf.flatten(-2)[..., chain.reading]
-        return chain.factor * frf
+        return rearranged(frf, effect, self.mesh, self._nominal(), response, reference)
 
     def excitation(self, plan: Plan, reference: Tensor | None) -> Float[Tensor, "*batch n_reference n"]:
         """Rows of the forces; the base's unit acceleration loads the plate with its inertia."""

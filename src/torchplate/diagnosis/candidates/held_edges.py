@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import torch
 
-from torchplate.diagnosis.rebuilding import known_values, rebuilt, searched
 from torchplate.effects import CATALOGUE
 from torchplate.model import PlateModel
 from torchplate.plate import Assembly
@@ -50,13 +49,13 @@ def on_springs(model: PlateModel) -> PlateModel:
         name: RIGID * parameter.prior_interval(plan.section, plan.geometry).high
         for name, parameter in kind.parameters.items()
     }
-    effects, known = dict(model.effects), known_values(model)
+    effects, known = dict(model.effects), model.known_values
     for edge, condition in held.items():
         label = PREFIX + edge
         effects[label] = kind(edge=edge)  # type: ignore[call-arg]
         known[f"{label}.stiffness"] = rigid["stiffness"]
         known[f"{label}.rotational_stiffness"] = rigid["rotational_stiffness"] if condition == "clamped" else 0.0
-    return _with_edges(rebuilt(model, effects, known, searched(model)), {})
+    return _with_edges(model.replaced(effects=effects, known=known), {})
 
 
 def standing_for(model: PlateModel, edge: str) -> RigidSprings | None:
@@ -64,7 +63,7 @@ def standing_for(model: PlateModel, edge: str) -> RigidSprings | None:
     label = PREFIX + edge
     if label not in model.effects:
         return None
-    known = known_values(model)
+    known = model.known_values
     return RigidSprings(label, {name: known[f"{label}.{name}"] for name in model.effects[label].parameters})
 
 
@@ -80,13 +79,12 @@ def held_again(model: PlateModel, held: Mapping[str, str]) -> PlateModel:
         return model
     springs = {PREFIX + edge for edge in still}
     effects = {label: effect for label, effect in model.effects.items() if label not in springs}
-    known = {key: value for key, value in known_values(model).items() if key.rpartition(".")[0] in effects}
-    return _with_edges(rebuilt(model, effects, known, searched(model)), still)
+    return _with_edges(model.replaced(effects=effects), still)
 
 
 def _with_edges(model: PlateModel, edges: Mapping[str, str]) -> PlateModel:
     """On a mesh with these edges held, in all dofs."""
     mesh = dataclasses.replace(model.mesh, edges=dict(edges))
-    twin = rebuilt(model, model.effects, known_values(model), searched(model))
+    twin = model.replaced()
     twin.mesh, twin.assembly = mesh, Assembly(mesh).to(model.known)
     return twin

@@ -13,6 +13,8 @@ from torchplate.model import PlateModel, Searched
 # A place found is taken for a node's or a support's if it is this near to it, relative to the plate, and may be it if
 # it is this near.
 NEAR_NODE, PERHAPS_NODE = 0.012, 0.04
+# By what a support ties the plate to the ground: an effect that does the same by one of them may be a support.
+STRENGTHS = ("stiffness", "viscous_damping")
 
 
 class Tighter(NamedTuple):
@@ -48,7 +50,7 @@ def supports_at(
     kind = CATALOGUE["support_spring"]
     plan = model.plan(theta)
     wanted, start, middle = {}, {}, {}
-    for name, value in (("stiffness", stiffness), ("viscous_damping", viscous)):
+    for name, value in zip(STRENGTHS, (stiffness, viscous), strict=True):
         interval = kind.parameters[name].prior_interval(plan.section, plan.geometry)
         wanted[name] = Searched(interval.low, interval.high, True)
         start[name] = min(max(value, 1.01 * interval.low), 0.99 * interval.high)

@@ -28,7 +28,7 @@ import torch
 
 from torchplate.diagnosis.candidates.candidate import Candidate, nameable
 from torchplate.diagnosis.fit import Fit
-from torchplate.diagnosis.target import FrfTarget, Target
+from torchplate.diagnosis.target import FrfTarget
 
 # Precision of a uniform prior on the unit cube.
 UNIFORM = 12.0
@@ -185,8 +185,8 @@ def is_needed(before: Fit, after: Hypothesis, by_chance: float = 0.0) -> bool:
     return after.against(weight) < none and before.cost - after.fit.cost > by_chance
 
 
-def is_explained(fit: Fit, target: Target) -> bool:
+def is_explained(fit: Fit, target: FrfTarget) -> bool:
     """Whether nothing but noise and nuisances is left, or the gap is no wider than noise alone makes it."""
     if is_noise(fit):
         return True
-    return isinstance(target, FrfTarget) and fit.by_noise and fit.gap <= target.floor
+    return fit.by_noise and fit.gap <= target.floor

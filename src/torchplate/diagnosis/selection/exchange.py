@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import torch
 
-from torchplate.diagnosis.candidates.supports import NEAR_NODE, supports_at
+from torchplate.diagnosis.candidates.supports import NEAR_NODE, STRENGTHS, supports_at
 from torchplate.diagnosis.fit import Fit, Prior, fit
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate, without_candidate
 from torchplate.diagnosis.selection.criterion import Hypothesis, choose, is_needed
-from torchplate.diagnosis.selection.ranking import GROUNDED, Ranking
+from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.trace import Naming, State
 from torchplate.model import PlateModel
 
@@ -25,13 +25,13 @@ class Exchange:
 
     Args:
         builder: builds and evaluates the models.
-        look: the looks over the catalogue.
+        ranking: ranks the catalogue.
         prior: what is known of the given model's parameters beforehand.
         say: is told what is being tried.
     """
 
-    def __init__(self, builder: ModelBuilder, look: Ranking, prior: Prior, say: Callable[[str], None]) -> None:
-        self.builder, self.look, self.prior, self.say = builder, look, prior, say
+    def __init__(self, builder: ModelBuilder, ranking: Ranking, prior: Prior, say: Callable[[str], None]) -> None:
+        self.builder, self.ranking, self.prior, self.say = builder, ranking, prior, say
 
     def judged_again(self, state: State) -> State:
         """The names that are left where each is judged beside the others, if there are several."""
@@ -61,9 +61,9 @@ class Exchange:
         near = sorted((one for one in naming.rivals if one.name not in elsewhere), key=lambda one: one.cost)
         every = [here, *(self._in_place_of(state, naming, one) for one in near[:N_RIVAL])]
         choice = choose(every, naming.before)
-        if choice.best.name in GROUNDED:
+        if choice.best.candidate.effect.to_ground:
             best = choice.best
-            priced, supports = self.look.as_supports(self._without(state, naming), best)
+            priced, supports = self.ranking.as_supports(self._without(state, naming), best)
             here = priced if best is here else here
             near += supports
             every = [*(priced if one is best else one for one in every), *supports]
@@ -102,26 +102,23 @@ class Exchange:
 
     def _as_one_support(self, state: State) -> State:
         """A spring and a dashpot to the ground at one place are a further support there, if that is as good."""
-        pair = {one.hypothesis.name: one for one in state.named if one.hypothesis.name in GROUNDED}
-        values = dict(zip(state.model.names, state.fit.theta.tolist(), strict=True))
+        pair = {key: one for one in state.named if (key := one.hypothesis.candidate.effect.to_ground)}
+        values = state.model.as_dict(state.fit.theta)
         places = [[values[f"{one.hypothesis.label}.{key}"] for key in ("x", "y")] for one in pair.values()]
-        if len(pair) < len(GROUNDED) or math.dist(*places) > NEAR_NODE:
+        if len(pair) < len(STRENGTHS) or math.dist(*places) > NEAR_NODE:
             return state
-        spring, dashpot = pair["ground_spring"], pair["ground_dashpot"]
+        spring, dashpot = (pair[key] for key in STRENGTHS)
         alone = self._without(self._without(state, dashpot), spring)
-        strength = [
-            values[f"{spring.hypothesis.label}.stiffness"],
-            values[f"{dashpot.hypothesis.label}.viscous_damping"],
-        ]
+        strength = [values[f"{pair[key].hypothesis.label}.{key}"] for key in STRENGTHS]
         supports = [
-            self.look.refitted(alone, candidate, alone.fit.theta)
+            self.ranking.refitted(alone, candidate, alone.fit.theta)
             for candidate in supports_at(alone.model, alone.fit.theta, *places[0], *strength)
         ]
         best = min(supports, key=lambda one: one.cost)
         both = replace(spring.hypothesis, fit=state.fit, coincidence=dashpot.hypothesis.prior)
         if best.cost > both.cost:
             return state
-        self.say("support_spring in place of ground_spring and ground_dashpot")
+        self.say(f"{best.name} in place of {spring.hypothesis.name} and {dashpot.hypothesis.name}")
         choice = choose([best, spring.hypothesis, *spring.rivals], spring.before, best)
         rest = [one for one in state.named if one is not dashpot]
         one = replace(spring, hypothesis=best, choice=choice, again=choice)

@@ -1,7 +1,8 @@
-"""The road from a model that does not explain a measurement to one that does, or to saying what is missing.
+"""Forward selection: from a model that does not explain a measurement, one effect after another, to one that does.
 
-Baseline, noise floor, location; then, as long as something is missing that the catalogue has: score all effects, refit
-the most promising, name the best with its equivalents, add it. In the end each name is judged again beside the others.
+A baseline first. Then, as long as an effect of the catalogue is more probable than none: score all of them, refit the
+most promising, name the best with its equivalents, add it; where one alone does not do, pairs are tried from the best
+two. In the end each name is judged again beside the others.
 """
 
 import time
@@ -25,7 +26,7 @@ from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
 from torchplate.diagnosis.summary import summarise
 from torchplate.diagnosis.table import diagnose_table
-from torchplate.diagnosis.target import SETTINGS, FrfTarget, Target
+from torchplate.diagnosis.target import SETTINGS, FrfTarget
 from torchplate.diagnosis.tolerance import with_tolerances
 from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies
 from torchplate.measurement.noise import noise_level
@@ -101,16 +102,16 @@ def diagnose(
     )
     selection = ForwardSelection.of(model, target, dict(tolerance or {}), say)
     baseline = selection.baseline()
-    selection, baseline = selection.robust(baseline)
+    selection, baseline = selection.robust_baseline(baseline)
     given = selection.as_given(baseline)
-    state, looks = selection.travel(baseline, most_effects)
+    state, rankings = selection.add_effects(baseline, most_effects)
     few = len(measurement.pairs) < FEW
     if few and state.fit.reduced_misfit > FAR_OFF:
         selection, baseline = selection.inflated(selection.begun)
         given = selection.as_given(baseline)
-        state, looks = selection.travel(baseline, most_effects)
+        state, rankings = selection.add_effects(baseline, most_effects)
     return summarise(
-        Trace(selection.builder, noise, given, selection.begun, state, tuple(looks), selection.prior),
+        Trace(selection.builder, noise, given, selection.begun, state, tuple(rankings), selection.prior),
         time.monotonic() - began,
     )
 
@@ -134,16 +135,16 @@ class ForwardSelection:
 
     def __init__(self, builder: ModelBuilder, prior: Prior, say: Callable[[str], None]) -> None:
         self.builder, self.prior, self.say = builder, prior, say
-        self.look = Ranking(builder, prior, channels_of(builder.given), say)
-        self.exchange = Exchange(builder, self.look, prior, say)
+        self.ranking = Ranking(builder, prior, channels_of(builder.given), say)
+        self.exchange = Exchange(builder, self.ranking, prior, say)
 
-    def against(self, target: Target) -> "ForwardSelection":
+    def against(self, target: FrfTarget) -> "ForwardSelection":
         """The same beside other evidence."""
         return ForwardSelection(self.builder.against(target), self.prior, self.say)
 
     @classmethod
     def of(
-        cls, model: PlateModel, target: Target, tolerance: Mapping[str, float], say: Callable[[str], None]
+        cls, model: PlateModel, target: FrfTarget, tolerance: Mapping[str, float], say: Callable[[str], None]
     ) -> "ForwardSelection":
         """On a mesh whose error is taken off, with what is left of it among the nuisances.
 
@@ -166,15 +167,13 @@ class ForwardSelection:
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} times what noise and nuisances explain")
         return State(model, found)
 
-    def robust(self, baseline: State) -> tuple["ForwardSelection", State]:
+    def robust_baseline(self, baseline: State) -> tuple["ForwardSelection", State]:
         """The baseline where channels that disagree with all others do not bend it; the fits then see these.
 
         Channels read the other way round are turned, and FRFs far worse than the others left out, for the baseline's
         own fit alone.
         """
         target = self.builder.target
-        if not isinstance(target, FrfTarget):
-            return self, baseline
         baseline = self._beside_turned(baseline)
         odd = outliers(target.measurement.measured, self._misfit(baseline))
         if not bool(odd.any()):
@@ -188,21 +187,19 @@ class ForwardSelection:
     def _misfit(self, baseline: State) -> Float[Tensor, "n_response n_reference"]:
         """Mean square of each FRF's residuals over their variance."""
         target = self.builder.target
-        assert isinstance(target, FrfTarget)
         return ((target.measured - baseline.fit.prediction).abs().square() / target.variance).mean(0) / 2
 
     def _beside_turned(self, baseline: State) -> State:
         """The baseline as it is beside FRFs of the signs that suit it, if that takes it much nearer."""
         target, model = self.builder.target, baseline.model
-        assert isinstance(target, FrfTarget)
         if not len(model.names):
             return baseline
         problem = Problem(self.builder, baseline.fit.reduced, {})
         n = len(model.names)
-        look = torch.cat(
+        members = torch.cat(
             [model.space.to_cube(baseline.fit.theta)[None], SobolEngine(n).draw(N_SPREAD, dtype=torch.float64)]
         )
-        sign, part = target.signs(problem.predict(model.space.to_si(look), 0))
+        sign, part = target.signs(problem.predict(model.space.to_si(members), 0))
         if part > TURNED or bool((sign > 0).all()):
             return baseline
         turned = self.against(target.turned(sign))
@@ -227,50 +224,47 @@ class ForwardSelection:
         self.say("what is left is far above the noise: residuals are weighed by an inflated model error from here on")
         twin = self.against(self.builder.target.inflated(baseline.fit.prediction))
         start = baseline.model.space.to_cube(baseline.fit.theta)[None]
-        found = fit(twin.builder, baseline.model, start, self.prior, wide=twin.builder.target.levels > 1)
+        found = fit(twin.builder, baseline.model, start, self.prior)
         return twin, State(baseline.model, found)
 
     def as_given(self, baseline: State) -> Fit:
         """The fit of the given model on its own mesh, error and all."""
         builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
         start = baseline.model.space.to_cube(baseline.fit.theta)[None]
-        found = fit(builder, builder.given, start, self.prior, wide=self.builder.target.levels > 1)
+        found = fit(builder, builder.given, start, self.prior)
         self.builder.count(builder.n_evaluation)
         return found
 
-    def travel(self, state: State, most_effects: int) -> tuple[State, list[Ranked]]:
+    def add_effects(self, state: State, most_effects: int) -> tuple[State, list[Ranked]]:
         """Add effects as long as they are needed and there are some; `begun` is what they were added to."""
         self.begun, lowered = state, False
-        looks: list[Ranked] = []
+        rankings: list[Ranked] = []
         while len(state.named) < most_effects:
-            look = self.look.at(state)
-            looks.append(look)
-            if not look.hypotheses:
+            needed = self._needed(state, rankings)
+            if needed is None:
                 break
-            choice = choose(look.hypotheses, state.fit)
-            if not is_needed(state.fit, choice.best, look.by_chance):
-                break
+            choice, ranked = needed
             choice = self._restarted(state, choice)
-            single = self._added(state, choice, look)
+            single = self._added(state, choice, ranked)
             if not state.named and (lower := self._lower(state, single)) is not None:
-                # Where nothing but noise is left beside it, and where this was the second time, the look still holds.
-                holds = (lowered or is_noise(choice.best.fit)) and is_needed(lower.fit, choice.best, look.by_chance)
+                # Where nothing but noise is left beside it, and where this was the second time, the ranking holds.
+                holds = (lowered or is_noise(choice.best.fit)) and is_needed(lower.fit, choice.best, ranked.by_chance)
                 self.begun, state, lowered = lower, lower, True
                 if not holds:
-                    looks = []
+                    rankings = []
                     continue
-                single = self._added(state, choice, look)
+                single = self._added(state, choice, ranked)
             if (settled := self._explained(single)) is not None:
-                return settled, looks
+                return settled, rankings
             room = len(single.named) < most_effects
             # One alone does not do: the best pair need not begin with the best single one.
-            further, settled = self._pairs(state, look, single, looks) if room else (None, None)
+            further, settled = self._pairs(state, ranked, single, rankings) if room else (None, None)
             if settled is not None:
-                return settled, looks
+                return settled, rankings
             state = further or single
             if further is None or not _explains_much(state):
                 break
-        return self._ended(_worth_their_names(state)), looks
+        return self._ended(_worth_their_names(state)), rankings
 
     def _restarted(self, state: State, choice: Choice) -> Choice:
         """The best hypothesis from where members spread over the box lead, if more than noise is left of it.
@@ -293,7 +287,7 @@ class ForwardSelection:
 
     def _lower(self, state: State, single: State) -> State | None:
         """The given model fitted from where it is beside the first effect, if it ends lower there than it did."""
-        values = dict(zip(single.model.names, single.fit.theta.tolist(), strict=True))
+        values = single.model.as_dict(single.fit.theta)
         start = torch.tensor([[values[name] for name in state.model.names]]).to(state.fit.theta)
         limit = state.fit.square
         position = state.model.space.to_cube(start)
@@ -326,7 +320,7 @@ class ForwardSelection:
         """
         builder, target = self.builder, self.builder.target
         state = self.exchange.judged_again(state)
-        little = isinstance(target, FrfTarget) and state.fit.by_noise and state.fit.reduced_misfit < PERHAPS_MESH
+        little = state.fit.by_noise and state.fit.reduced_misfit < PERHAPS_MESH
         if not little and not state.named:
             return state
         if little:
@@ -356,36 +350,32 @@ class ForwardSelection:
         return smaller or (after.by_noise and after.square <= part * before.square)
 
     def _pairs(
-        self, state: State, look: Ranked, single: State, looks: list[Ranked]
+        self, state: State, ranked: Ranked, single: State, rankings: list[Ranked]
     ) -> tuple[State | None, State | None]:
         """The best with one effect more, from the few that explain so much that looking beside them is worth it.
 
         Returns:
             It, if there is one; and the one that leaves nothing but noise, settled, if there is one.
         """
-        ranked = sorted(look.hypotheses, key=lambda one: one.cost)
+        ordered = sorted(ranked.hypotheses, key=lambda one: one.cost)
         beam: list[State] = [single] if self._explains_some(state.fit, single.named[-1].hypothesis) else []
-        for other in ranked[1:]:
-            if len(beam) >= N_BEAM or other.fit.reduced_misfit > BESIDE * ranked[0].fit.reduced_misfit:
+        for other in ordered[1:]:
+            if len(beam) >= N_BEAM or other.fit.reduced_misfit > BESIDE * ordered[0].fit.reduced_misfit:
                 break
-            if is_needed(state.fit, other, look.by_chance) and self._explains_some(state.fit, other, by_cost=True):
-                beam.append(self._added(state, choose(ranked, state.fit, other), look))
+            if is_needed(state.fit, other, ranked.by_chance) and self._explains_some(state.fit, other, by_cost=True):
+                beam.append(self._added(state, choose(ordered, state.fit, other), ranked))
         best: State | None = None
         for rank, start in enumerate(beam):
             if rank and self.builder.n_evaluation > ENOUGH:
                 break
             names = " + ".join(one.hypothesis.name for one in start.named)
             self.say(f"{names} leaves {start.fit.reduced_misfit:.3g}: looking for what else is missing")
-            more = self.look.at(start)
-            looks.append(more)
-            if not more.hypotheses:
+            needed = self._needed(start, rankings)
+            if needed is None:
                 continue
-            choice = choose(more.hypotheses, start.fit)
-            if not is_needed(start.fit, choice.best, more.by_chance):
-                continue
-            found = self._added(start, choice, more)
+            found = self._added(start, *needed)
             if not is_noise(found.fit) and found.fit.by_noise and found.fit.square <= MUCH_LESS * start.fit.square:
-                # Two of a kind may have changed places, as two kinds of damping: that is cheaper to see than a look.
+                # Two of a kind may have changed places, as two kinds of damping: which is cheaper to see so.
                 found = self.exchange.judged_again(found)
             if best is None or found.fit.cost < best.fit.cost:
                 best = found
@@ -393,11 +383,20 @@ class ForwardSelection:
                     return best, settled
         return best, None
 
-    def _added(self, state: State, choice: Choice, look: Ranked) -> State:
+    def _needed(self, state: State, rankings: list[Ranked]) -> tuple[Choice, Ranked] | None:
+        """The best of the catalogue beside a state, if it is more probable than none; the ranking joins the others."""
+        ranked = self.ranking.at(state)
+        rankings.append(ranked)
+        if not ranked.hypotheses:
+            return None
+        choice = choose(ranked.hypotheses, state.fit)
+        return (choice, ranked) if is_needed(state.fit, choice.best, ranked.by_chance) else None
+
+    def _added(self, state: State, choice: Choice, ranked: Ranked) -> State:
         hypothesis = choice.best
         model = with_candidate(state.model, hypothesis.label, hypothesis.candidate)
-        naming = Naming(hypothesis, choice, state.fit, look.hypotheses, by_chance=look.by_chance)
-        return State(model, hypothesis.fit, (*state.named, naming), state, look)
+        naming = Naming(hypothesis, choice, state.fit, ranked.hypotheses, by_chance=ranked.by_chance)
+        return State(model, hypothesis.fit, (*state.named, naming), state, ranked)
 
 
 def _explains_much(state: State) -> bool:

@@ -1,4 +1,4 @@
-"""One look over the whole catalogue: score every effect, take the best ones down, refit what ends near the best."""
+"""The whole catalogue beside one model: score every effect, take the best ones down, refit what ends near the best."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -10,7 +10,7 @@ from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.candidates.candidate import Candidate, candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements, rearrangements
-from torchplate.diagnosis.candidates.supports import supports_at, tighter_at
+from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at, tighter_at
 from torchplate.diagnosis.fit import Prior, Problem, fit, one_level, widely
 from torchplate.diagnosis.localise import UNIT, missing_force
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
@@ -18,7 +18,6 @@ from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
 from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of, twins
 from torchplate.diagnosis.selection.trace import Ranked, State
-from torchplate.diagnosis.target import FrfTarget
 from torchplate.model import PlateModel
 
 # Candidates that go down the wide levels, by name, and that are refitted sharply. Two go on from each level, and others
@@ -40,7 +39,7 @@ PERHAPS_CHANCE = 12.0
 WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
 # A hypothesis that leaves so many times as much as the best so far is not followed to its end.
 HOPELESS = 10.0
-# What closed the gap this much in the look before is tried again, so many at most.
+# What closed the gap this much in the ranking before is tried again, so many at most.
 CAME_NEAR, N_AGAIN = 0.9, 3
 # Hypotheses this close to the best are refitted from where they ended; so are the best where more than noise is left.
 RUN_OFF, RUN_OFF_PART, N_RUN_OFF, N_FURTHER = 100.0, 0.03, 3, 2
@@ -49,12 +48,10 @@ RUN_OFF, RUN_OFF_PART, N_RUN_OFF, N_FURTHER = 100.0, 0.03, 3, 2
 LITTLE, FAR = 3.0, 100.0
 # Where a support at the same place leaves so much less, the spring or dashpot had stopped short.
 SHORT = 0.2
-# What sits at a place and goes to the ground.
-GROUNDED = frozenset({"ground_spring", "ground_dashpot"})
 
 
 class Ranking:
-    """Looks over the catalogue.
+    """Ranks the catalogue beside a model.
 
     Args:
         builder: builds and evaluates the models.
@@ -75,19 +72,18 @@ class Ranking:
         everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys())
         self.say(f"scoring {len(everyone)} candidates")
         self._n_option = {one.name: sum(other.name == one.name for other in everyone) for one in everyone}
-        if rearranged is not None:
-            self._n_option |= {"channel_swap": rearranged.n_swap, "channel_polarity": rearranged.n_polarity}
+        self._n_option |= {"channel_swap": rearranged.n_swap, "channel_polarity": rearranged.n_polarity}
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         by_chance = 0.0
         gap = float(builder.target.gap(state.fit.prediction))
-        if builder.target.levels == 1 or gap < OVERLAPPING or misfit <= NEARLY_RIGHT:
+        if gap < OVERLAPPING or misfit <= NEARLY_RIGHT:
             promises, by_chance = self._nearby(state, base, everyone)
-            # Where nothing but noise is left, a look at the best two is a check.
+            # Where nothing but noise is left, refitting the best two is a check.
             wanted = 2 if is_noise(state.fit) else N_SHARP
             chosen = [(promise, promise.starts) for promise in _promising(promises, wanted)]
         hypotheses: list[Hypothesis] = []
-        if builder.target.levels > 1 and misfit > NEARLY_RIGHT:
+        if misfit > NEARLY_RIGHT:
             if promises and promises[0].drop > DECIDED:
                 hypotheses, chosen = self._refitted(state, chosen), []
             if not _kept(promises, hypotheses, state):
@@ -98,16 +94,14 @@ class Ranking:
         hypotheses = self._run_off(state, _best_of_each(hypotheses + self._again(state)))
         ended: list[Hypothesis] = []
         for found in hypotheses:
-            priced, supports = self.as_supports(state, found) if found.name in GROUNDED else (found, [])
+            priced, supports = self.as_supports(state, found) if found.candidate.effect.to_ground else (found, [])
             # A support stays where it is: it is named where little else is missing, and it is there.
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= LITTLE)]
         return Ranked(tuple(promises), tuple(_best_of_each(ended)), by_chance)
 
-    def _rearranged(self, state: State) -> Rearrangements | None:
+    def _rearranged(self, state: State) -> Rearrangements:
         """Exchanges and turns of channels that promise something."""
         target = self.builder.target
-        if not isinstance(target, FrfTarget):
-            return None
         weight = torch.where(target.measurement.measured, 1 / target.variance, 0.0)
         return rearrangements(self.channels, target.measured, state.fit.prediction, weight)
 
@@ -152,24 +146,24 @@ class Ranking:
     def _by_chance(self, state: State) -> Tensor | None:
         """Residuals that chance alone makes, where what is left is not far above it; None elsewhere."""
         target = self.builder.target
-        if not isinstance(target, FrfTarget) or not state.fit.by_noise or state.fit.reduced_misfit > PERHAPS_CHANCE:
+        if not state.fit.by_noise or state.fit.reduced_misfit > PERHAPS_CHANCE:
             return None
         n_told = int((state.fit.told > 0).sum())
         return drawn(2 * target.measured.numel(), n_told)
 
     def _again(self, state: State) -> list[Hypothesis]:
-        """What came near in the look before beside what was named there, from where it ended."""
-        if state.look is None or state.previous is None or is_noise(state.fit):
+        """What came near in the ranking before, beside what was named there, from where it ended."""
+        if state.ranked is None or state.previous is None or is_noise(state.fit):
             return []
         named = {one.hypothesis.name for one in state.named}
         near = [
             one
-            for one in sorted(state.look.hypotheses, key=lambda one: one.cost)
+            for one in sorted(state.ranked.hypotheses, key=lambda one: one.cost)
             if one.name not in named and one.fit.gap < CAME_NEAR * state.previous.fit.gap
         ]
         found = []
         for one in near[:N_AGAIN]:
-            values = dict(zip(one.fit.model.names, one.fit.theta.tolist(), strict=True))
+            values = one.fit.model.as_dict(one.fit.theta)
             own = {key: values[f"{one.label}.{key}"] for key in one.candidate.searched}
             label = new_label(state.model, one.name)
             whole = with_candidate(state.model, label, one.candidate)
@@ -211,11 +205,11 @@ class Ranking:
             return promise
         whole = with_candidate(state.fit.model, promise.label, promise.candidate)
         n = len(whole.names)
-        look = torch.cat([promise.starts, SobolEngine(n).draw(N_FAR, dtype=torch.float64).to(promise.starts)])
-        some = torch.cat([promise.starts[:1], look[-6:]])
+        members = torch.cat([promise.starts, SobolEngine(n).draw(N_FAR, dtype=torch.float64).to(promise.starts)])
+        some = torch.cat([promise.starts[:1], members[-6:]])
         problem = Problem(self.builder, self.builder.reduced(whole, whole.space.to_si(some)), self.prior)
-        value = problem.residual(look, 0).square().sum(-1)
-        starts, left = widely(problem, look[value.argsort()[:N_FAR_DESCEND]], keep=3)
+        value = problem.residual(members, 0).square().sum(-1)
+        starts, left = widely(problem, members[value.argsort()[:N_FAR_DESCEND]], keep=3)
         given = Problem(self.builder, state.fit.reduced, self.prior)
         position = given.model.space.to_cube(state.fit.theta)
         before = 0.5 * float(given.residual(position, self.builder.target.levels - 2).square().sum())
@@ -224,7 +218,7 @@ class Ranking:
     def _from_force(self, state: State, base: PlateModel, scored: Sequence[Scored]) -> list[Scored]:
         """A start more for what acts at a point, where the residual force says that it is, and as large."""
         target, fit = self.builder.target, state.fit
-        if not isinstance(target, FrfTarget) or not fit.by_noise:
+        if not fit.by_noise:
             return list(scored)
         force = missing_force(target.measurement, target.variance.sqrt(), fit.prediction, fit.reduced, fit.theta)
         found = []
@@ -278,7 +272,7 @@ class Ranking:
         if found.fit.reduced_misfit > FAR * LITTLE:
             return found, []
         values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
-        at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", "stiffness", "viscous_damping")}
+        at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", *STRENGTHS)}
         theta = torch.tensor([values[name] for name in state.model.names]).to(state.fit.theta)
         tighter = tighter_at(state.model, theta, at["x"], at["y"], at["stiffness"])
         if tighter is not None:

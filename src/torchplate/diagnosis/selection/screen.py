@@ -21,7 +21,6 @@ from torchplate.diagnosis.candidates.candidate import Candidate, distance, vecto
 from torchplate.diagnosis.fit import Prior, Problem
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.selection.null import falls
-from torchplate.diagnosis.target import TableNoise
 from torchplate.discrepancy.marginal import Marginal
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
@@ -64,7 +63,7 @@ def screen(
     theta: Float[Tensor, " n_parameter"],
     everyone: Sequence[Candidate],
     prior: Prior,
-    near: Marginal | TableNoise | None = None,
+    near: Marginal | None = None,
     draws: Float[Tensor, "n_draw n_residual"] | None = None,
 ) -> list[Scored]:
     """Score all candidates, the most promising first.
@@ -79,7 +78,7 @@ def screen(
             then scored at the sharp level, by small steps; None elsewhere.
         draws: residuals at the sharp level that chance makes, to be scored too.
     """
-    level = builder.target.levels - 1 if near is not None else min(LEVEL, builder.target.levels - 1)
+    level = builder.target.levels - 1 if near is not None else LEVEL
     here = Problem(builder, base, prior, near)
     position = base.space.to_cube(theta)
     plain = here.predict(theta, level)

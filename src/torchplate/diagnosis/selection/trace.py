@@ -1,4 +1,4 @@
-"""Where the road has come to, and everything it has seen."""
+"""Where forward selection stands, and everything that it has fitted."""
 
 from dataclasses import dataclass
 
@@ -12,21 +12,21 @@ from torchplate.model import PlateModel
 
 @dataclass(frozen=True)
 class State:
-    """Where the road has come to.
+    """Where forward selection stands.
 
     Attributes:
         model: the given one with the effects named so far, in all dofs.
         fit: of it.
         named: the effects, with what was known when each was named.
         previous: before the last of them was added.
-        look: that named the last of them.
+        ranked: the catalogue, from which the last of them was named.
     """
 
     model: PlateModel
     fit: Fit
     named: tuple["Naming", ...] = ()
     previous: "State | None" = None
-    look: "Ranked | None" = None
+    ranked: "Ranked | None" = None
 
 
 @dataclass(frozen=True)
@@ -57,30 +57,30 @@ class Naming:
 
 @dataclass(frozen=True)
 class Trace:
-    """Everything the road has seen.
+    """Everything that was fitted.
 
     Attributes:
         builder: what evaluated the models.
-        noise: of the FRFs; None for a table of natural frequencies.
+        noise: of the FRFs.
         given: the fit of the given model on its own mesh.
         baseline: the given model on a mesh whose error is taken off.
         final: the last model.
-        looks: over the catalogue, in the order they were taken.
+        rankings: of the catalogue, in the order they were made.
         prior: what was known of the parameters beforehand.
     """
 
     builder: ModelBuilder
-    noise: Noise | None
+    noise: Noise
     given: Fit
     baseline: State
     final: State
-    looks: tuple["Ranked", ...]
+    rankings: tuple["Ranked", ...]
     prior: Prior
 
 
 @dataclass(frozen=True)
 class Ranked:
-    """What one look over the catalogue gave.
+    """The catalogue, ranked beside one model.
 
     Attributes:
         promises: the score test.

@@ -24,7 +24,7 @@ from torchplate.diagnosis.table.settings import TableSettings
 from torchplate.model import PlateModel
 
 # Places over the box of the given model from which the best go on.
-N_LOOK, N_BEST = 64, 4
+N_SPREAD, N_BEST = 64, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class Comparing:
         plates = self.plates
         n = len(plates.model.names)
         place = plates.model.known.new_full((1, n), 0.5)
-        starts = place if not n else torch.cat([place, SobolEngine(n).draw(N_LOOK, dtype=torch.float64)[1:]])
+        starts = place if not n else torch.cat([place, SobolEngine(n).draw(N_SPREAD, dtype=torch.float64)[1:]])
         for turn in range(2):
             plates.at(plates.model.space.to_si(place[0]))
             problem = Problem(plates.reduced(plates.model), plates.evidence, self.prior, self.settings)

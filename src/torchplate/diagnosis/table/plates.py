@@ -16,7 +16,6 @@ from torch import Tensor
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.held_edges import held_again, held_edges, on_springs
 from torchplate.diagnosis.model_builder import with_candidate, working_mesh
-from torchplate.diagnosis.rebuilding import with_numbers
 from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.natural import Natural
 from torchplate.diagnosis.table.settings import TableSettings
@@ -144,7 +143,7 @@ class Plates:
 
     def finished(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> PlateModel:
         """A model of numbers, what did not yield held as in the given one."""
-        numbers = with_numbers(model, theta)
+        numbers = model.replaced(known=model.as_dict(theta), searched={})
         again = held_again(numbers, self.held)
         if again is numbers or self.kind == "given":
             return again
