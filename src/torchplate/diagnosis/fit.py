@@ -17,6 +17,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.settings import Comparison
 from torchplate.diagnosis.target import DOUBTFUL, FrfTarget
 from torchplate.discrepancy.marginal import Judged, Marginal
+from torchplate.discrepancy.wandering import Found, wandered
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
 from torchplate.search.least_squares import least_squares
@@ -29,8 +30,9 @@ N_TOGETHER = 5
 FREE = 1e-9
 # Bases built for one fit at most, and the relative change of the misfit at which the last is good.
 N_BASIS, SETTLED = 3, 2e-2
-# Times that a fit goes on beside smaller nuisances, and how much smaller one of them has to be.
-N_RESCALED, FEWER = 2, 0.5
+# Times that a fit goes on beside nuisances as they are found; how much smaller one has to be, and by what part of a
+# peak's width the section has to move a mode; and the fall of −2 ln L that is worth no further time.
+N_SETTLED, FEWER, WIDTH, LITTLE = 4, 0.5, 0.3, 1.0
 # A parameter off by its standard deviation weighs at the wide levels as much as this part of all that is measured.
 TOLD_PART = 0.05
 
@@ -40,10 +42,11 @@ class Fit(NamedTuple):
 
     Attributes:
         model: in all dofs, its mesh error taken off at the end.
-        reduced: in the basis of the end.
+        reduced: in the basis of the end, its section as it was found to wander.
         theta: its searched parameters in SI units.
         covariance: of theta, noise and nuisances as large as they were found; NaN where a parameter is not seen.
-        prediction: of the target.
+        prediction: of the target, its section uniform.
+        expected: likewise, its section as it was found to wander.
         judged: its residuals on what the fit saw.
         prior: what the tolerances add to the sum of squares.
         gap: over all that was measured.
@@ -62,6 +65,7 @@ class Fit(NamedTuple):
     theta: Float[Tensor, " n_parameter"]
     covariance: Float[Tensor, "n_parameter n_parameter"]
     prediction: Tensor
+    expected: Tensor
     judged: Judged
     prior: float
     gap: float
@@ -73,6 +77,11 @@ class Fit(NamedTuple):
     n_modal: float = 2.0
     n_mode: int = 1
     comparison: Comparison = Comparison()
+
+    @property
+    def about(self) -> Found | None:
+        """How far the section of `reduced` wanders."""
+        return self.marginal.about
 
     @property
     def reduced_misfit(self) -> float:
@@ -142,7 +151,7 @@ class Problem:
         sharp = level == self.target.levels - 1
         if sharp:
             assert self.marginal is not None
-            found = self.marginal.whitened(self.marginal.over_noise(self.target.off(prediction)))
+            found = self.marginal.whitened(self.marginal.residual(self.target.off(prediction)))
         else:
             found = self.target.residual(prediction, level)
         if not self._index:
@@ -209,6 +218,7 @@ def fit(
     wide: bool = True,
     hopeless: float = math.inf,
     near: PlateModel | None = None,
+    about: Found | None = None,
 ) -> Fit:
     """Fit a model from several starts.
 
@@ -220,6 +230,7 @@ def fit(
         wide: whether to begin at the wide levels.
         hopeless: sum of squares of the fitted residuals beyond which the first basis is the last.
         near: much the same model, whose mesh error is taken off: what is taken off there does for the first basis.
+        about: how far the plate's section wanders, as far as is known at the start.
     """
     prior, target = prior or {}, builder.target
     if not model.names:
@@ -233,11 +244,12 @@ def fit(
             corrected = builder.corrected_as(model, near)
         elif turn == (near is not None):
             corrected = builder.corrected(model, theta)[0]
-        reduced = builder.reduced(corrected, theta[None])
+        plain = builder.reduced(corrected, theta[None])
+        reduced = wandered(plain, theta, target.wandering, about)
         starts = start if turn == 0 else position[None]
         if turn == 0 and wide:
             starts, _ = widely(Problem(builder, reduced, prior), starts, keep=2)
-        marginal = target.marginal(reduced, model.space.to_si(starts[0]))
+        marginal = target.marginal(reduced, model.space.to_si(starts[0]), about)
         problem = Problem(builder, reduced, prior, marginal)
         places, values, _ = problem.descend_sharply(starts)
         best = int(values.argmin())
@@ -253,36 +265,67 @@ def fit(
         position = places[0]
     if 2 * value > hopeless:
         return _judged(builder, corrected, reduced, prior, position, marginal)
-    return _rescaled(builder, corrected, reduced, prior, position)
+    return _settled(builder, corrected, plain, prior, position, about)
 
 
-def _rescaled(
+def _settled(
     builder: ModelBuilder,
     model: PlateModel,
-    reduced: PlateModel,
+    plain: PlateModel,
     prior: Prior,
     position: Tensor,
+    about: Found | None,
     fitted_on: bool = True,
 ) -> Fit:
-    """Judged where it ended; and fitted on beside nuisances that turn out smaller than was said, unless told not to."""
+    """Judged where it ended, and fitted on beside nuisances as they are found there, unless told not to.
+
+    Nuisances that turn out smaller than was said are taken as small; a section that wanders by a part of a peak's width
+    is put into the model, and the rest of it is linear about that.
+    """
     target = builder.target
-    marginal = target.marginal(reduced, model.space.to_si(position))
-    found = _judged(builder, model, reduced, prior, position, marginal)
-    for _ in range(N_RESCALED):
-        smaller = {name: min(1.0, scale) for name, scale in found.judged.scale.items()}
-        if all(scale > FEWER * found.marginal.scale.get(name, 1.0) for name, scale in smaller.items()):
-            break
-        marginal = marginal.rescaled(smaller)
-        if len(model.names) and fitted_on:
+    best: Fit | None = None
+    scale: Mapping[str, float] = {}
+    for turn in range(1 + N_SETTLED):
+        theta = model.space.to_si(position)
+        reduced = wandered(plain, theta, target.wandering, about)
+        marginal = target.marginal(reduced, theta, about)
+        if scale:
+            marginal = marginal.rescaled(scale)
+        if turn and len(model.names) and fitted_on:
             problem = Problem(builder, reduced, prior, marginal)
             position = problem.descend(position[None], target.levels - 1, N_TOGETHER)[0][0]
         found = _judged(builder, model, reduced, prior, position, marginal)
-    return found
+        # Likelihoods about a uniform section and about one that wanders are not of one kind.
+        alike = best is not None and (best.about is None) == (found.about is None)
+        if best is not None and alike and found.cost > best.cost:
+            break
+        enough = best is not None and alike and best.cost - found.cost < LITTLE
+        best = found
+        smaller = {name: min(1.0, one) for name, one in found.judged.scale.items()}
+        fewer = any(one <= FEWER * scale.get(name, 1.0) for name, one in smaller.items())
+        further = found.judged.found is not None and (about is None or _moved(found) > WIDTH)
+        if enough or not (fewer or further):
+            break
+        if fewer:
+            scale = smaller
+        if further:
+            about = found.judged.found
+    assert best is not None
+    return best
+
+
+def _moved(fit: Fit) -> float:
+    """How far the plate's section wanders from where its fit was taken about, in widths of the peak it moves most."""
+    marginal, found = fit.marginal, fit.judged.found
+    if marginal.second is None or found is None:
+        return 0.0
+    before = torch.zeros_like(found.shift) if marginal.about is None else marginal.about.shift
+    return marginal.second.widths(found.shift - before)
 
 
 def judged_at(builder: ModelBuilder, fit: Fit, prior: Prior, position: Tensor) -> Fit:
     """A model that was fitted beside other evidence, as it is; beside nuisances as large as any fit's are judged at."""
-    return _rescaled(builder, fit.model, fit.reduced, prior, position, fitted_on=False)
+    return _settled(builder, fit.model, fit.reduced, prior, position, fit.about, fitted_on=False)
 
 
 def _judged(
@@ -295,8 +338,10 @@ def _judged(
 ) -> Fit:
     """A fitted model beside noise and nuisances."""
     target, theta = builder.target, model.space.to_si(position)
-    prediction = builder.predict(reduced, theta)
-    judged = marginal.judge(marginal.over_noise(target.off(prediction)))
+    prediction = expected = builder.predict(reduced, theta)
+    if marginal.about is not None:
+        prediction = builder.predict(wandered(reduced, theta, target.wandering, None), theta)
+    judged = marginal.judge(marginal.residual(target.off(expected)))
     problem = Problem(builder, reduced, prior, marginal)
 
     def over_noise(where: Tensor) -> Tensor:
@@ -323,6 +368,7 @@ def _judged(
         theta,
         _covariance(information, known, slope),
         prediction,
+        expected,
         judged,
         float(told.square().sum()),
         target.whole_gap(prediction),
@@ -341,7 +387,7 @@ def _unfitted(builder: ModelBuilder, model: PlateModel) -> Fit:
     """A model of numbers alone."""
     theta = model.known.new_zeros(0)
     corrected = builder.corrected(model, theta).model
-    return _rescaled(builder, corrected, builder.reduced(corrected, theta[None]), {}, theta)
+    return _settled(builder, corrected, builder.reduced(corrected, theta[None]), {}, theta, None)
 
 
 def _slope(model: PlateModel, position: Float[Tensor, " n"]) -> Float[Tensor, " n"]:

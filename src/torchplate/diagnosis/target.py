@@ -19,8 +19,8 @@ from torch import Tensor
 from torchplate.diagnosis.settings import DiagnosisSettings
 from torchplate.diagnosis.smoothing import WIDTHS, Smoothing
 from torchplate.discrepancy.marginal import Marginal
-from torchplate.discrepancy.nuisance import Nuisances, nuisances
-from torchplate.discrepancy.wandering import UNIFORM
+from torchplate.discrepancy.nuisance import nuisances
+from torchplate.discrepancy.wandering import UNIFORM, Found, Wandering
 from torchplate.effects import Effect
 from torchplate.measurement import PERFECT, Imperfections, Measurement
 from torchplate.measurement.noise import Noise
@@ -159,23 +159,34 @@ class FrfTarget:
         independent = min(1.0, self.n_modal / (2 * len(self.frequency) * int(self.fitted.sum())))
         return twin._but(independent=independent)
 
-    def marginal(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Marginal:
-        """Noise and nuisances beside a model, with the gain that it has where the level carries no unit."""
+    @property
+    def wandering(self) -> Wandering:
+        """How far the plate's section may wander."""
+        # Whoever says that nothing of a test is imperfect asks for a world without nuisances, in the plate too.
+        return UNIFORM if self.imperfections == PERFECT or not self.trusts_the_noise else self.settings.wandering
+
+    def marginal(self, model: PlateModel, theta: Float[Tensor, " n_parameter"], about: Found | None = None) -> Marginal:
+        """Noise and nuisances beside a model, with the gain that it has where the level carries no unit.
+
+        Args:
+            model: in a basis.
+            theta: its parameters.
+            about: how far its section wanders.
+        """
         freedom = dict.fromkeys(("mesh",), math.inf)
         told = self.settings.knowledge.told
         freedom |= {field.name: told for field in fields(Imperfections) if self.imperfections.told(field.name)}
         if not self.trusts_the_noise:
             return Marginal(self.variance / self.independent, None, self.fitted, freedom, self.settings.knowledge)
-        # Whoever says that nothing of a test is imperfect asks for a world without nuisances, in the plate too.
-        wandering = UNIFORM if self.imperfections == PERFECT else self.settings.wandering
         shift = torch.zeros_like(self.frequency) if self.mesh_shift is None else self.mesh_shift
-        found = nuisances(model, theta, self.frequency, self.imperfections, wandering, shift)
+        spread = None if about is None else about.spread
+        found = nuisances(model, theta, self.frequency, self.imperfections, self.wandering, shift, spread)
         if self.gain_is_unknown:
             gain = float(self._gain(self.measured, model.frf(theta, self.frequency)))
             common, own, other = (gain * part for part in found[:3])
             second = found.second_order._replace(factor=gain**2 * found.second_order.factor)
-            found = Nuisances(common, own, other, found.group, second)
-        return Marginal(self.variance, found, self.fitted, freedom, self.settings.knowledge)
+            found = found._replace(common=common, by_response=own, by_reference=other, second_order=second)
+        return Marginal(self.variance, found, self.fitted, freedom, self.settings.knowledge, about=about)
 
     def off(self, prediction: Tensor) -> Tensor:
         """What was measured less a prediction."""

@@ -27,6 +27,7 @@ from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from torchplate.discrepancy.nuisance import Nuisances
+from torchplate.discrepancy.wandering import Found
 
 # Fixed points are at rest where no scale changes by more than this part; and after so many turns in any case.
 AT_REST, N_TURN = 1e-3, 60
@@ -43,6 +44,7 @@ class Judged(NamedTuple):
         n: real numbers behind it.
         shift: posterior means of the nuisances in their standard deviations.
         second_order: part of the variance of a number that the second order of the nuisances makes, on the mean [-].
+        found: how far the section wanders, where that is among the nuisances.
     """
 
     cost: float
@@ -52,6 +54,7 @@ class Judged(NamedTuple):
     n: float
     shift: Float[Tensor, " n_nuisance"]
     second_order: float = 0.0
+    found: Found | None = None
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,7 @@ class Marginal:
         freedom: of the prior of each group's scale; infinite where it is known exactly.
         knowledge: of the noise.
         scale: what each group is times what was said of it, where residuals are whitened; 1 where it is left out.
+        about: how far the section wanders in the model whose residuals come; None where it does not.
     """
 
     def __init__(
@@ -91,8 +95,12 @@ class Marginal:
         freedom: Mapping[str, float],
         knowledge: Knowledge,
         scale: Mapping[str, float] | None = None,
+        about: Found | None = None,
     ) -> None:
         self._given = (variance, nuisances, fitted)
+        self.about = about
+        self.second = None if nuisances is None else nuisances.second_order
+        self._n_wander = 0 if nuisances is None else nuisances.n_wander
         self.scale = dict(scale or {})
         self._second_order = 0.0
         if nuisances is not None:
@@ -123,7 +131,7 @@ class Marginal:
 
     def rescaled(self, scale: Mapping[str, float]) -> "Marginal":
         """The same with nuisances of another size."""
-        return Marginal(*self._given, self.freedom, self.knowledge, scale)
+        return Marginal(*self._given, self.freedom, self.knowledge, scale, self.about)
 
     def _weighed(self, columns: Complex[Tensor, "n_frequency n_response n_reference k"] | None) -> Tensor:
         if columns is None:
@@ -183,6 +191,11 @@ class Marginal:
         """Residuals over √D, as real numbers; zero where an FRF does not count."""
         return torch.view_as_real((off * self.weight).resolve_conj()).flatten(-4)
 
+    def residual(self, off: Complex[Tensor, "*batch n_frequency n_response n_reference"]) -> Tensor:
+        """Those of a model whose section wanders, as if it did not: what it was taken about is put back."""
+        found = self.over_noise(off)
+        return found if self.about is None else found + self._common[:, : self._n_wander] @ self.about.shift
+
     def whitened(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch n_residual"]:
         """(D + J S Jᵀ)^−½ of residuals over √D, with noise as large as was said."""
         if not len(self.group):
@@ -238,6 +251,7 @@ class Marginal:
         noise = max(white, 1e-12)
         size = torch.zeros(n_group, dtype=torch.float64)
         mean = residual.new_zeros(len(self.group))
+        inverse = torch.eye(len(mean)).to(mean)
         if n_group:
             along = self.along(residual)
             for _ in range(N_TURN):
@@ -270,9 +284,10 @@ class Marginal:
         prior = float((free * (scale.square().log() + 1 / scale.square() - 1)).sum())
         prior += self.knowledge.noise * (math.log(noise) + 1 / noise - 1)
         scales = dict(zip(self.names, scale.tolist(), strict=True))
-        return Judged(
-            cost + prior, math.sqrt(noise), scales, white, self.n, mean * self._root(scale), self._second_order
-        )
+        root = self._root(scale)
+        shift, k = mean * root, self._n_wander
+        found = Found(shift[:k], (root[:, None] * inverse * root)[:k, :k]) if k else None
+        return Judged(cost + prior, math.sqrt(noise), scales, white, self.n, shift, self._second_order, found)
 
     def _cost(self, square: float, along: Tensor, scale: Tensor, noise: float) -> float:
         """−2 ln p but for n ln 2π."""

@@ -41,6 +41,7 @@ class SecondOrder(NamedTuple):
         places: what places off by one standard deviation add to the mean square of receptances.
         factor: from receptances to readings, squared.
         reading: which pair is read under each label; None for its own.
+        moves: change of each mode's eigenvalue by each term of a wandering section [rad²/s²].
     """
 
     moving: Mapping[str, Float[Tensor, " n_mode"]]
@@ -52,6 +53,17 @@ class SecondOrder(NamedTuple):
     places: Float[Tensor, "n_frequency n_response n_reference"]
     factor: Float[Tensor, "n_frequency n_response n_reference"]
     reading: Tensor | None = None
+    moves: Float[Tensor, "n_mode n_wander"] | None = None
+
+    def widths(self, shift: Float[Tensor, " n_wander"]) -> float:
+        """How far a wandering section moves the mode that it moves farthest, in widths of that mode's peak [-].
+
+        Args:
+            shift: of its terms, in standard deviations.
+        """
+        if self.moves is None or not shift.numel():
+            return 0.0
+        return float(((self.moves @ shift).abs() * (self.kappa / self.width).amax(0)).max())
 
     def variance(self, scale: Mapping[str, float]) -> Float[Tensor, "n_frequency n_response n_reference"]:
         """Variance of the real and of the imaginary part.
@@ -195,14 +207,16 @@ def nuisances(
     moving = {"frequency_drift": 2 * drift * modal.eigenvalue, "mesh": nothing.clone()}
     moving["mesh"][elastic] = 2 * shift * modal.eigenvalue[elastic]
     low = torch.arange(modal.n_low)
+    each = nothing.new_zeros(len(nothing), len(wander))
     moves = [stiffness.diagonal() - modal.eigenvalue[: modal.n_low] * mass.diagonal() for _, stiffness, mass in wander]
     if spread is None:
         for (name, _, _), diagonal in zip(wander, moves, strict=True):
             before = moving.get(name, nothing)
             moving[name] = before.square().index_add(0, low, diagonal.square()).sqrt()
-    elif wander:
-        each = torch.stack(moves, dim=-1)
-        moving["found"] = nothing.index_add(0, low, ((each @ spread) * each).sum(-1).clamp(min=0).sqrt())
+    if wander:
+        each[: modal.n_low] = torch.stack(moves, dim=-1)
+    if spread is not None:
+        moving["found"] = ((each @ spread) * each).sum(-1).clamp(min=0).sqrt()
     plain = chain._replace(reading=None)
     factor = as_kind(torch.ones_like(reading), plain, "accelerance" if kind == "transmissibility" else kind)
     second_order = SecondOrder(
@@ -215,6 +229,7 @@ def nuisances(
         _places_again(model, modal, chain.response, reference, [off / side for side in sides]),
         factor.abs().square(),
         chain.reading,
+        each,
     )
     columns = [_stacked([change for _, change in part], reading) for part in (common, own, other)]
     names = [tuple(name for name, _ in part) for part in (common, own, other)]

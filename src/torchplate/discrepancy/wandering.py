@@ -45,6 +45,18 @@ class Wandering:
 UNIFORM = Wandering(0.0, 0.0, 0.0, 0)
 
 
+class Found(NamedTuple):
+    """How far a section wanders, as FRFs say.
+
+    Attributes:
+        shift: posterior means, in standard deviations of each term.
+        spread: their posterior covariance.
+    """
+
+    shift: Float[Tensor, " n_term"]
+    spread: Float[Tensor, "n_term n_term"]
+
+
 class Term(NamedTuple):
     """One way in which a section wanders, by one standard deviation.
 
@@ -133,20 +145,22 @@ class Elements:
 
 @torch.no_grad()
 def wandered(
-    model: PlateModel, theta: Float[Tensor, " n_parameter"], wandering: Wandering, shift: Float[Tensor, " n_term"]
+    model: PlateModel, theta: Float[Tensor, " n_parameter"], wandering: Wandering, found: Found | None
 ) -> PlateModel:
-    """The model with a plate that wanders.
+    """The model with a plate that wanders, in the place of any that did before.
 
     Args:
         model: in a basis.
         theta: its searched parameters where the terms are meant.
         wandering: how far it may.
-        shift: how far it does, in standard deviations of each term.
+        found: how far it does; None where it does not.
     """
+    if found is None:
+        return on_mesh(model, model.assembly.uneven(None))
     plan = model.plan(theta)
     elements = Elements(model, plan)
     uneven = torch.zeros(2, model.assembly.size, model.assembly.size).to(model.known)
-    for term, far in zip(terms(model, plan, wandering), shift.tolist(), strict=True):
+    for term, far in zip(terms(model, plan, wandering), found.shift.tolist(), strict=True):
         uneven[0] += far * elements.stiffness(term.stiffness, term.coefficient)
         if term.mass is not None:
             uneven[1] += far * elements.mass(term.mass)

@@ -187,7 +187,7 @@ class ForwardSelection:
     def _misfit(self, baseline: State) -> Float[Tensor, "n_response n_reference"]:
         """Mean square of each FRF's residuals over their variance."""
         target = self.builder.target
-        return ((target.measured - baseline.fit.prediction).abs().square() / target.variance).mean(0) / 2
+        return ((target.measured - baseline.fit.expected).abs().square() / target.variance).mean(0) / 2
 
     def _beside_turned(self, baseline: State) -> State:
         """The baseline as it is beside FRFs of the signs that suit it, if that takes it much nearer."""

@@ -14,10 +14,11 @@ from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at, tig
 from torchplate.diagnosis.fit import Prior, Problem, fit, one_level, widely
 from torchplate.diagnosis.localise import UNIT, missing_force
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
-from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
+from torchplate.diagnosis.selection.criterion import Hypothesis, excessive, is_noise
 from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of, twins
 from torchplate.diagnosis.selection.trace import Ranked, State
+from torchplate.discrepancy.wandering import wandered
 from torchplate.model import PlateModel
 
 # Candidates that go down the wide levels, by name, and that are refitted sharply. Two go on from each level, and others
@@ -68,6 +69,7 @@ class Ranking:
         """Score the whole catalogue, and refit what promises most."""
         builder, misfit = self.builder, state.fit.reduced_misfit
         base = builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
+        base = wandered(base, state.fit.theta, builder.target.wandering, state.fit.about)
         rearranged = self._rearranged(state)
         everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys())
         self.say(f"scoring {len(everyone)} candidates")
@@ -103,7 +105,7 @@ class Ranking:
         """Exchanges and turns of channels that promise something."""
         target = self.builder.target
         weight = torch.where(target.measurement.measured, 1 / target.variance, 0.0)
-        return rearrangements(self.channels, target.measured, state.fit.prediction, weight)
+        return rearrangements(self.channels, target.measured, state.fit.expected, weight)
 
     def _nearby(self, state: State, base: PlateModel, everyone: Sequence[Candidate]) -> tuple[list[Scored], float]:
         """All candidates scored where peaks overlap; and what chance takes, where little is left."""
@@ -220,7 +222,7 @@ class Ranking:
         target, fit = self.builder.target, state.fit
         if not fit.by_noise:
             return list(scored)
-        force = missing_force(target.measurement, target.variance.sqrt(), fit.prediction, fit.reduced, fit.theta)
+        force = missing_force(target.measurement, target.variance.sqrt(), fit.expected, fit.reduced, fit.theta)
         found = []
         for one in scored:
             (key, kind), searched = _acts_like(one.candidate), one.candidate.searched
@@ -331,7 +333,8 @@ class Ranking:
         near: PlateModel | None = None,
     ) -> Hypothesis:
         whole = with_candidate(state.model, label, candidate)
-        found = fit(self.builder, whole, starts, self.prior, wide=False, hopeless=hopeless, near=near)
+        about = None if excessive(state.fit) else state.fit.about
+        found = fit(self.builder, whole, starts, self.prior, wide=False, hopeless=hopeless, near=near, about=about)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
         return Hypothesis(candidate, label, found, n_option=self._n_option.get(candidate.name, 1))
 
