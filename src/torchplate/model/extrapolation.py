@@ -23,7 +23,7 @@ from torchplate.model.fine_mesh import SparseModel
 from torchplate.model.plate_model import PlateModel
 from torchplate.plate import Assembly, Correction, Mesh
 
-# Modes up to this multiple of the highest frequency wanted are corrected.
+# Modes up to this multiple of the highest frequency wanted are corrected, unless more is asked for.
 MARGIN = 1.6
 # Modes closer than this, relative to their eigenvalue, are corrected together or not at all.
 CLUSTER = 2e-2
@@ -55,6 +55,7 @@ def extrapolate(
     frequency: float | None = None,
     theta: Float[Tensor, " n_parameter"] | None = None,
     finer: Assembly | None = None,
+    margin: float = MARGIN,
 ) -> Extrapolated:
     """Take the mesh error off a model.
 
@@ -63,13 +64,14 @@ def extrapolate(
         frequency: up to where it is to be right [Hz]; left out, its first `N_MODE` modes are corrected.
         theta: the plate whose modes are corrected, in SI units; left out, the middle of the box.
         finer: of the mesh twice as fine; left out, one is made.
+        margin: modes up to this multiple of the frequency are corrected [-].
     """
     if theta is None:
         theta = model.space.to_si(torch.full((len(model.names),), 0.5).to(model.known))
     if finer is None:
         finer = Assembly(dataclasses.replace(model.mesh, refine=2 * model.mesh.refine), dense=False)
     twice = on_mesh(model, finer)
-    top = 0.0 if frequency is None else MARGIN * frequency
+    top = 0.0 if frequency is None else margin * frequency
     coarse, fine = SparseModel(model, theta), SparseModel(twice, theta)
     modes, better = coarse.modes(N_MODE, top), fine.modes(N_MODE, top)
     # The last that the solver found may have a twin that it did not find.
