@@ -221,8 +221,9 @@ def _trials(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> t
     steps = _combined(searched, neutral, tangent=False)
     if not searched:
         return steps, steps
-    # A change that the fitted parameters nearly undo, such as that of a thickness, shows in its tangent alone.
-    return (steps if "x" in searched else [*tangents, *steps]), tangents
+    # A change that the fitted parameters nearly undo, such as that of a thickness, shows in its tangent alone; and one
+    # that widens or moves a peak by its width, such as that of a dashpot, in a step.
+    return (steps, [*tangents, *steps]) if "x" in searched else ([*tangents, *steps], tangents)
 
 
 def _yielding(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> tuple[list[Trial], list[Trial]]:
@@ -264,7 +265,16 @@ def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], ta
         if not tangent and 3 ** len(axes) <= MOST_CORNERS:
             corners = {key: [_between(searched[key], rest[key], end) for end in (0, None, 1)] for key in axes}
             every += [dict(zip(axes, values, strict=True)) for values in itertools.product(*corners.values())]
-    return [Trial(values, *believed) for values in every]
+    return [Trial(values, _least(values, searched, neutral, believed[0]), believed[1]) for values in every]
+
+
+def _least(
+    values: Mapping[str, float], searched: Mapping[str, Searched], neutral: Mapping[str, float], believed: float
+) -> float:
+    """The least multiple of a step: none the other way, where nothing lies there, as no negative mass does."""
+    moved = [key for key, value in values.items() if key in neutral and value != neutral[key]]
+    one_sided = any(neutral[key] <= searched[key].low or neutral[key] >= searched[key].high for key in moved)
+    return 0.0 if one_sided else believed
 
 
 def _between(interval: Searched, neutral: float, end: int | None) -> float:
