@@ -21,7 +21,7 @@ N_SPREAD, N_DESCEND, N_BASIN = 96, 12, 4
 # Ends of the wide levels that lie nearer on the unit cube are one basin.
 SAME = 0.05
 # A basin that leaves so many times as much as the best so far is not followed to its end.
-HOPELESS = 10.0
+HOPELESS = 4.0
 
 
 def fit_from_the_box(

@@ -26,10 +26,12 @@ from torchplate.search.least_squares import least_squares
 N_WIDE, N_SHARP = (3, 4, 6), 12
 # Of several starts the best goes on alone after so many sharp ones.
 N_TOGETHER = 5
-# Damping of the steps at the end, where something is known beforehand: valleys that only this makes unlevel are long.
-FREE = 1e-9
-# Bases built for one fit at most, and the relative change of the misfit at which the last is good.
-N_BASIS, SETTLED = 3, 2e-2
+# Damping of the first steps; and of those at the end, where something is known beforehand: valleys that only this makes
+# unlevel are long.
+USUAL, FREE = 1e-3, 1e-9
+# Bases built for one fit, and the relative change of the misfit at which the last is good; where it still falls to this
+# part with each of them, so many at most: nuisances are linear about where each begins.
+N_BASIS, SETTLED, FALLING, N_MOST = 3, 2e-2, 0.85, 8
 # Times that a fit goes on beside nuisances as they are found; how much smaller one has to be, and by what part of a
 # peak's width the section has to move a mode; and the fall of −2 ln L that is worth no further time.
 N_SETTLED, FEWER, WIDTH, LITTLE = 4, 0.5, 0.3, 1.0
@@ -166,7 +168,7 @@ class Problem:
         return (theta[..., self._index] - self._mean) / self._std
 
     def descend(
-        self, start: Float[Tensor, "n_start n"], level: int, n_iteration: int, damping: float = 1e-3
+        self, start: Float[Tensor, "n_start n"], level: int, n_iteration: int, damping: float = USUAL
     ) -> tuple[Float[Tensor, "n_start n"], Float[Tensor, " n_start"], Float[Tensor, "n_start n_residual n"]]:
         """Places where least squares ends, half their sums of squares, and the Jacobians there."""
         found = least_squares(
@@ -181,14 +183,14 @@ class Problem:
         return found.position, found.objective, found.jacobian
 
     def descend_sharply(
-        self, start: Float[Tensor, "n_start n"]
+        self, start: Float[Tensor, "n_start n"], damping: float
     ) -> tuple[Float[Tensor, "n_end n"], Float[Tensor, " n_end"], Float[Tensor, "n_end n_residual n"]]:
         """Where least squares ends at the sharp level, from the best of several starts to the end."""
         level = self.target.levels - 1
         if len(start) == 1:
-            return self.descend(start, level, N_SHARP)
-        places, values, _ = self.descend(start, level, N_TOGETHER)
-        return self.descend(places[values.argmin()][None], level, N_SHARP - N_TOGETHER)
+            return self.descend(start, level, N_SHARP, damping)
+        places, values, _ = self.descend(start, level, N_TOGETHER, damping)
+        return self.descend(places[values.argmin()][None], level, N_SHARP - N_TOGETHER, damping)
 
 
 def widely(
@@ -237,7 +239,7 @@ def fit(
         return _unfitted(builder, model)
     position = start[0]
     value = torch.inf
-    for turn in range(N_BASIS):
+    for turn in range(N_MOST):
         theta = model.space.to_si(position)
         borrowed = turn == 0 and near is not None
         if turn == 0 and near is not None:
@@ -251,7 +253,7 @@ def fit(
             starts, _ = widely(Problem(builder, reduced, prior), starts, keep=2)
         marginal = target.marginal(reduced, model.space.to_si(starts[0]), about)
         problem = Problem(builder, reduced, prior, marginal)
-        places, values, _ = problem.descend_sharply(starts)
+        places, values, _ = problem.descend_sharply(starts, FREE if turn and problem.knows else USUAL)
         best = int(values.argmin())
         before, value = value, float(values[best])
         moved = (places[best] - position).abs().max()
@@ -260,7 +262,9 @@ def fit(
             break
         if 2 * value > hopeless or (float(moved) < 1e-6 and not borrowed):
             break
-    if problem.knows and 2 * value <= hopeless:
+        if turn + 1 >= N_BASIS and value > FALLING * before:
+            break
+    if problem.knows and not turn and 2 * value <= hopeless:
         places, _, _ = problem.descend(position[None], target.levels - 1, N_SHARP, FREE)
         position = places[0]
     if 2 * value > hopeless:

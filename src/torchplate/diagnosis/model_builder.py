@@ -21,8 +21,8 @@ from torchplate.model.extrapolation import Extrapolated, extrapolate, on_mesh
 from torchplate.model.reduced_basis import ritz_basis
 from torchplate.plate import Assembly, Mesh
 
-# Modes kept, in multiples of the band's end; and those whose mesh error is taken off: what higher ones leave of theirs is
-# of the second order in the size of the elements, and shows between resonances.
+# Modes kept, in multiples of the band's end; and those whose mesh error is taken off: what higher ones leave of theirs
+# is of the second order in the size of the elements, and shows between resonances.
 MARGIN, CORRECTED = 3.0, 5.0
 
 

@@ -39,7 +39,7 @@ PERHAPS_CHANCE = 12.0
 # together, where the model is doubted: so many members, and so many of them that go down.
 WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
 # A hypothesis that leaves so many times as much as the best so far is not followed to its end.
-HOPELESS = 10.0
+HOPELESS = 4.0
 # What closed the gap this much in the ranking before is tried again, so many at most.
 CAME_NEAR, N_AGAIN = 0.9, 3
 # Hypotheses this close to the best are refitted from where they ended; so are the best where more than noise is left.
