@@ -49,6 +49,7 @@ def fitted(cost: float, information: Sequence[float] = (), **others: Any) -> Fit
         theta=torch.zeros(n, dtype=torch.float64),
         covariance=torch.zeros(n, n, dtype=torch.float64),
         prediction=NONE,
+        expected=NONE,
         judged=judged,
         marginal=None,  # type: ignore[arg-type]
         information=seen,

@@ -1,0 +1,125 @@
+"""A plate whose section wanders is that plate: against elements that really differ, and against what it is linear in."""
+
+import math
+
+import pytest
+import torch
+
+from torchplate.discrepancy.marginal import Knowledge, Marginal
+from torchplate.discrepancy.nuisance import nuisances
+from torchplate.discrepancy.wandering import UNIFORM, Found, Wandering, terms, wandered
+from torchplate.effects import CATALOGUE
+from torchplate.measurement import PERFECT
+from torchplate.model import PlateModel
+from torchplate.model.reduced_basis import ritz_basis
+from torchplate.plate import Mesh
+
+NOBODY = torch.zeros(0, dtype=torch.float64)
+LINES = torch.linspace(20.0, 300.0, 240, dtype=torch.float64)
+KNOWN = {
+    "plate.youngs_modulus": 2.05e11,
+    "plate.poisson_ratio": 0.3,
+    "plate.density": 7860.0,
+    "plate.thickness": 0.0027,
+    "wires.stiffness": 1300.0,
+    "wires.viscous_damping": 0.5,
+    "loss.stiffness_loss_factor": 3e-3,
+    "grain.young_ratio": 1.0,
+    "grain.shear_factor": 1.0,
+}
+WANDERING = Wandering(5e-3, 8e-3, 0.02, 2)
+GENERATOR = torch.Generator().manual_seed(4)
+# Of five cosines thickness and modulus, by turns, and two of the grain.
+SHIFT = torch.randn(12, generator=GENERATOR, dtype=torch.float64)
+SPREAD = torch.eye(12, dtype=torch.float64)
+
+
+def plate(**changed: float) -> PlateModel:
+    effects = {
+        "plate": CATALOGUE["plate"](),
+        "wires": CATALOGUE["support_spring"](nodes=(2, 10, 61, 69)),
+        "loss": CATALOGUE["hysteretic_damping"](),
+        "grain": CATALOGUE["orthotropy"](),
+    }
+    return PlateModel(Mesh(0.48, 0.4, 8, 7), effects, KNOWN | changed, {}, [3, 17], [7, 9, 21], "accelerance")
+
+
+def reduced(model: PlateModel) -> PlateModel:
+    return model.projected(ritz_basis(model, NOBODY[None], torch.tensor([300.0], dtype=torch.float64), 0, 3.0))
+
+
+def only(name: str) -> torch.Tensor:
+    """The shift of one group, the others at rest."""
+    names = [one.name for one in terms(plate(), plate().plan(NOBODY), WANDERING)]
+    return torch.where(torch.tensor([one == name for one in names]), SHIFT, 0.0)
+
+
+def test_a_grain_that_is_found_is_orthotropy():
+    model = wandered(reduced(plate()), NOBODY, WANDERING, Found(only("grain"), SPREAD))
+    young, shear = (1 + WANDERING.grain * float(one) for one in SHIFT[-2:])
+    other = plate(**{"grain.young_ratio": young, "grain.shear_factor": shear})
+    found, wanted = (one.natural_frequencies(NOBODY, 12)[3:] for one in (model, other))
+    plain = plate().natural_frequencies(NOBODY, 12)[3:]
+    # Linear in a grain of 2 %: its square is left, 4e-4 of the rigidity.
+    assert float((found / wanted - 1).abs().max()) < 3e-4
+    assert float((found / plain - 1).abs().max()) > 3e-3
+
+
+@pytest.mark.parametrize("name", ["thickness", "modulus"])
+def test_a_section_that_wanders_is_that_of_elements_that_differ(name):
+    model = plate()
+    plan, shift = model.plan(NOBODY), only(name)
+    place = model.mesh.element_place
+    field = torch.zeros(len(place), dtype=torch.float64)
+    pairs = [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]
+    size = sum(0.5 if 0 in pair else 0.25 for pair in pairs) ** -0.5
+    # Means of squared cosines over the middles of elements are those over the plate.
+    for pair, far in zip(sorted(pairs, key=lambda one: (sum(one), one)), shift[shift != 0].tolist(), strict=True):
+        shape = (math.pi * pair[0] * place[:, 0]).cos() * (math.pi * pair[1] * place[:, 1]).cos()
+        field += far * (WANDERING.thickness if name == "thickness" else WANDERING.modulus) * size * shape
+    power, heavier = (3, field) if name == "thickness" else (1, 0 * field)
+    rigidity = plan.section.rigidity * (1 + power * field)[:, None, None]
+    stiffness = model.assembly.stiffness(rigidity, plan.geometry)
+    mass = model.assembly.mass(plan.section.areal_mass * (1 + heavier), plan.geometry)
+    uniform = model.assembly.stiffness(plan.section.rigidity, plan.geometry)
+    wires = model.assembly.system(*plan).stiffness - uniform
+    lower = torch.linalg.cholesky(mass)
+    whitened = torch.linalg.solve_triangular(lower, stiffness + wires, upper=False)
+    whitened = torch.linalg.solve_triangular(lower, whitened.mT, upper=False)
+    wanted = torch.linalg.eigvalsh(0.5 * (whitened + whitened.mT))[:12].sqrt() / (2 * math.pi)
+    found = wandered(reduced(model), NOBODY, WANDERING, Found(shift, SPREAD)).natural_frequencies(NOBODY, 12)
+    # What the basis of a uniform plate leaves of the modes of this one.
+    assert float((found / wanted - 1).abs().max()) < 2e-5
+    plain = model.natural_frequencies(NOBODY, 12)
+    assert float((plain / wanted - 1).abs().max()) > 1e-3
+
+
+def test_a_model_forgets_how_it_wandered():
+    model = reduced(plate())
+    back = wandered(wandered(model, NOBODY, WANDERING, Found(SHIFT, SPREAD)), NOBODY, UNIFORM, None)
+    assert torch.equal(back.frf(NOBODY, LINES), model.frf(NOBODY, LINES))
+
+
+def test_the_likelihood_hangs_little_on_where_it_is_linear():
+    """Where shifts are a hundredth of a peak's width, taken about them or about none is the same."""
+    wandering = Wandering(2e-5, 2e-5, 1e-4, 2)
+    model, still = reduced(plate()), torch.zeros_like(LINES)
+    truth = wandered(model, NOBODY, wandering, Found(SHIFT, SPREAD)).frf(NOBODY, LINES)
+    noise = 1e-4 * truth.abs().square().mean(0).sqrt()
+    generator = torch.Generator().manual_seed(1)
+    draw = torch.randn(2, *truth.shape, generator=generator, dtype=torch.float64)
+    measured = truth + noise * torch.complex(draw[0], draw[1])
+    every = torch.ones(truth.shape[1:], dtype=torch.bool)
+    costs = []
+    for about in (None, Found(SHIFT, 1e-6 * SPREAD)):
+        there = wandered(model, NOBODY, wandering, about)
+        spread = None if about is None else about.spread
+        columns = nuisances(there, NOBODY, LINES, PERFECT, wandering, still, spread)
+        variance = noise.square().expand(truth.shape)
+        marginal = Marginal(variance, columns, every, {}, Knowledge(), about=about)
+        judged = marginal.judge(marginal.residual(measured - there.frf(NOBODY, LINES)))
+        assert judged.found is not None
+        costs.append((judged.cost, judged.noise_scale, judged.found.shift))
+    assert costs[0][0] == pytest.approx(costs[1][0], abs=2.0)
+    assert costs[0][1] == pytest.approx(costs[1][1], rel=1e-3)
+    assert float((costs[0][2] - costs[1][2]).abs().max()) < 0.1
