@@ -8,13 +8,14 @@ VENV = .venv
 BIN = $(VENV)/bin
 
 .DEFAULT_GOAL = help
-.PHONY: help run diagnose test check paper blind real clean
+.PHONY: help run diagnose test check docs paper blind real clean
 
 help:
 	@echo "make run       set up, then identify the paper's plate by DE and ABC; results in runs/"
 	@echo "make diagnose  set up, then find what is hidden on a plate that was hit in a virtual test"
 	@echo "make test      set up, then run the tests"
-	@echo "make check     format, lint, types, tests and doctests"
+	@echo "make check     format, lint, types, tests, doctests, the wheel and the documentation"
+	@echo "make docs      the documentation, in site/"
 	@echo "make paper     reproduce the paper's tables and figures (20 seeds)"
 	@echo "make blind     name hidden effects in cases made by other discretisations (STRATUM=clean, workshop or tables; one hour)"
 	@echo "make real      diagnose the measured plates of ../shared/data, where they are"
@@ -37,13 +38,18 @@ test: $(VENV)/.check
 # Where fits end differs from processor to processor: these hold on each.
 ROUNDING = $(foreach name,ranking tolerance exchange fit criterion channels null imperfect,tests/diagnosis/test_$(name).py)
 
-check: $(VENV)/.check
+check: $(VENV)/.docs
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest $(PARALLEL) --doctest-modules src tests
+	$(BIN)/python -m pytest $(PARALLEL) -m 'check or not check' --doctest-modules src tests
 	@for kind in default avx2; do echo "as a processor of kind $$kind rounds"; \
 	  ATEN_CPU_CAPABILITY=$$kind $(BIN)/python -m pytest $(PARALLEL) -q $(ROUNDING) || exit 1; done
+
+# The theme would print an advertisement of the next major version of mkdocs.
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict
+	@echo "Open site/index.html; its search works where a server serves it: $(BIN)/python -m http.server --directory site"
 
 paper: $(VENV)/.run
 	$(BIN)/python -m torchplate.cli.paper
@@ -60,7 +66,7 @@ real: $(VENV)/.run
 	$(BIN)/python -m torchplate.cli.real
 
 clean:
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) site .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 # torch first, by the name of its CPU build: elsewhere than on Linux there is only one build, and where the registry
 # carries only the build with CUDA, uv knows where the CPU build is. So CUDA never comes by accident.
@@ -84,3 +90,7 @@ $(VENV)/.run: $(VENV)/.torch pyproject.toml
 $(VENV)/.check: $(VENV)/.torch pyproject.toml
 	$(BIN)/pip install -q -e '.[test,check]' -c constraints.txt
 	@touch $@ $(VENV)/.run
+
+$(VENV)/.docs: $(VENV)/.check constraints.txt
+	$(BIN)/pip install -q -e '.[test,check,docs]' -c constraints.txt
+	@touch $@

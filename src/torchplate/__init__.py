@@ -11,35 +11,40 @@
 - `bench`: how fast, beside what else there is.
 - `cli`: YAML in, `runs/` out.
 - `examples`: the FRF embedded in torch, to copy from; nothing here imports them.
+- `nearest`: the name that was probably meant.
 
-The names below are public:
+The names below are public, and each is imported when it is first asked for, so that `torchplate --help` need not wait
+for torch:
 
 >>> import torchplate as tp
 >>> tp.DifferentialEvolution(strategy="best/1/exp").n_member
 32
 """
 
-from importlib.metadata import version
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
-from torchplate.cli.build import load_model
-from torchplate.diagnosis import Diagnosis, diagnose
-from torchplate.effects import CATALOGUE
-from torchplate.identification import Result, identify
-from torchplate.measurement import Measurement, read_measurement, write_uff
-from torchplate.model import PlateModel, reduce
-from torchplate.search import (
-    OPTIMIZERS,
-    ArtificialBeeColony,
-    DifferentialEvolution,
-    Jde,
-    LShade,
-    Outcome,
-    Sade,
-    Status,
-    minimize,
-)
+if TYPE_CHECKING:
+    from torchplate.cli.build import load_model
+    from torchplate.diagnosis import Diagnosis, diagnose
+    from torchplate.effects import CATALOGUE
+    from torchplate.identification import Result, identify
+    from torchplate.measurement import Measurement, read_measurement, write_uff
+    from torchplate.model import PlateModel, reduce
+    from torchplate.search import (
+        OPTIMIZERS,
+        ArtificialBeeColony,
+        DifferentialEvolution,
+        Jde,
+        LShade,
+        Outcome,
+        Sade,
+        Status,
+        minimize,
+    )
 
-__version__ = version("torchplate-fem")
+    __version__: str
 
 __all__ = [
     "CATALOGUE",
@@ -64,3 +69,46 @@ __all__ = [
     "reduce",
     "write_uff",
 ]
+
+_HOME = {
+    "cli.build": ("load_model",),
+    "diagnosis": ("Diagnosis", "diagnose"),
+    "effects": ("CATALOGUE",),
+    "identification": ("Result", "identify"),
+    "measurement": ("Measurement", "read_measurement", "write_uff"),
+    "model": ("PlateModel", "reduce"),
+    "search": (
+        "OPTIMIZERS",
+        "ArtificialBeeColony",
+        "DifferentialEvolution",
+        "Jde",
+        "LShade",
+        "Outcome",
+        "Sade",
+        "Status",
+        "minimize",
+    ),
+}
+_ROOM = {name: room for room, names in _HOME.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name from the room it lives in, or a room; then it stays."""
+    value: Any
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value = version("torchplate-fem")
+    elif name in _ROOM:
+        value = getattr(import_module(f"{__name__}.{_ROOM[name]}"), name)
+    elif not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:
+        return import_module(f"{__name__}.{name}")
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """What completion offers."""
+    return sorted({*globals(), *__all__})

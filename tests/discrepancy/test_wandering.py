@@ -91,7 +91,7 @@ def test_a_section_that_wanders_is_that_of_elements_that_differ(name):
     # What the basis of a uniform plate leaves of the modes of this one.
     assert float((found / wanted - 1).abs().max()) < 2e-5
     plain = model.natural_frequencies(NOBODY, 12)
-    assert float((plain / wanted - 1).abs().max()) > 1e-3
+    assert float((plain / wanted - 1).abs().max()) > 5e-4
 
 
 def test_a_model_forgets_how_it_wandered():
@@ -105,13 +105,13 @@ def test_the_likelihood_hangs_little_on_where_it_is_linear():
     wandering = Wandering(2e-5, 2e-5, 1e-4, 2)
     model, still = reduced(plate()), torch.zeros_like(LINES)
     truth = wandered(model, NOBODY, wandering, Found(SHIFT, SPREAD)).frf(NOBODY, LINES)
-    noise = 1e-4 * truth.abs().square().mean(0).sqrt()
+    noise = 1e-2 * truth.abs().square().mean(0).sqrt()
     generator = torch.Generator().manual_seed(1)
     draw = torch.randn(2, *truth.shape, generator=generator, dtype=torch.float64)
     measured = truth + noise * torch.complex(draw[0], draw[1])
     every = torch.ones(truth.shape[1:], dtype=torch.bool)
     costs = []
-    for about in (None, Found(SHIFT, 1e-6 * SPREAD)):
+    for about in (None, Found(SHIFT, SPREAD)):
         there = wandered(model, NOBODY, wandering, about)
         spread = None if about is None else about.spread
         columns = nuisances(there, NOBODY, LINES, PERFECT, wandering, still, spread)

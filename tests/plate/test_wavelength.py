@@ -59,3 +59,5 @@ def test_a_material_answers_to_the_ways_it_is_spelt():
     assert find_material("stainless steel") is MATERIALS["stainless_steel"]
     with pytest.raises(KeyError, match="No material named 'unobtainium'"):
         find_material("unobtainium")
+    with pytest.raises(KeyError, match="Did you mean 'aluminium'"):
+        find_material("Alumnium")

@@ -1,6 +1,7 @@
 """YAML in, `runs/` out: the command `torchplate`.
 
-- `config`: the YAML file and its errors (the only file with yaml and pydantic).
+- `config`: the YAML file and its errors (the only file with yaml); `schema`: what it may hold, key by key (the only one
+  with pydantic); `reference`, `catalogue`: the same for people, and the catalogue of effects.
 - `build`: from a config to model, evidence and optimiser; `memory`: whether its mesh fits the machine.
 - `new`, `new_text`: from a measurement file to a commented config, and its words.
 - `frf`: from time records of hits to FRFs.
@@ -13,5 +14,5 @@
 - `diagnosis_report`, `diagnosis_figures`, `assurance_figure`, `diagnosis_style`: what a diagnosis says to people.
 - `main_job`, `hidden_effect`, `paper`, `real`: what `make run`, `make diagnose`, `make paper` and `make real` do.
 - `bench`: `torchplate bench`, what is fast and beside what.
-- `main`: the command line.
+- `main`: the command line; `verbs`: what each verb takes, an example of each, and what it calls.
 """

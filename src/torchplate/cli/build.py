@@ -127,7 +127,9 @@ class Run:
                 if name == "effect" or name in fixed:
                     continue
                 if name not in parameters:
-                    raise self.error(f"{key}.{name}", unknown_key(name, [*parameters, *options(kind)]))
+                    raise self.error(
+                        f"{key}.{name}", unknown_key(name, [*parameters, *options(kind)], f"effects.{kind.name}")
+                    )
                 number = self.told(f"{key}.{name}", lambda value=value: quantity(value))  # type: ignore[misc]
                 if isinstance(number, Unknown):
                     searched[f"{label}.{name}"] = Searched(number.low, number.high, number.scale == "log")
@@ -230,7 +232,7 @@ class Run:
     def objective(self, model: PlateModel) -> Objective:
         """The function of theta that the run minimises."""
         if self.config.objective.kind not in OBJECTIVES:
-            raise self.error("objective.kind", unknown_key(self.config.objective.kind, OBJECTIVES))
+            raise self.error("objective.kind", unknown_key(self.config.objective.kind, OBJECTIVES, "objective"))
         evidence = self.evidence()
         if (table := evidence.natural_frequencies) is not None and int(table.mode.max()) > model.assembly.size:
             raise self.error(
@@ -255,7 +257,7 @@ class Run:
         settings = dict(self.config.search.model_extra or {})
         for key in settings:
             if key not in fields:
-                raise self.error(f"search.{key}", unknown_key(key, [*fields, *SearchConfig.model_fields]))
+                raise self.error(f"search.{key}", unknown_key(key, [*fields, *SearchConfig.model_fields], "search"))
         settings = self.typed("search", kind, settings)
         optimizer = self.told("search", lambda: kind(**settings))
         if isinstance(optimizer, LeastSquares):

@@ -7,7 +7,6 @@ by itself.
 """
 
 import dataclasses
-import difflib
 import re
 from abc import ABC
 from collections.abc import Mapping, Sequence
@@ -19,6 +18,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from torchplate.effects.parameter import Parameter
+from torchplate.nearest import did_you_mean
 from torchplate.plate import Geometry, Local, Mesh, Proportional, Section
 
 Value = Mapping[str, Tensor]
@@ -168,9 +168,9 @@ def find_effect(name: str) -> type[Effect]:
         KeyError: if the catalogue holds none, with the nearest name.
     """
     if name not in CATALOGUE:
-        near = difflib.get_close_matches(name, CATALOGUE, n=1)
-        guess = f" Did you mean '{near[0]}'?" if near else ""
-        raise KeyError(f"No effect named '{name}'.{guess} The catalogue holds: {', '.join(CATALOGUE)}.")
+        raise KeyError(
+            f"No effect named '{name}'.{did_you_mean(name, CATALOGUE)} The catalogue holds: {', '.join(CATALOGUE)}."
+        )
     return CATALOGUE[name]
 
 

@@ -10,7 +10,6 @@ from typing import Final
 
 import torch
 from jaxtyping import Float
-from scipy.signal import find_peaks
 from torch import Tensor
 
 from torchplate.measurement.measurement import Channel, Measurement
@@ -227,6 +226,8 @@ def peaks(measurement: Measurement, prominence: float = 3.0) -> list[float]:
         measurement: At least three lines, or there is no peak.
         prominence: By how much a peak stands over the higher of its two flanking valleys [dB], > 0.
     """
+    from scipy.signal import find_peaks  # here: half of what importing this package takes
+
     amplitude = summed_amplitude(measurement)
     # A floor 200 dB down keeps a dead line from becoming an infinite valley.
     decibel = 20 * torch.log10(amplitude.clamp(min=1e-10 * max(float(amplitude.max()), 1e-300)))

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Final
 
+from torchplate.nearest import did_you_mean
+
 
 @dataclass(frozen=True)
 class Material:
@@ -65,5 +67,6 @@ def find_material(name: str) -> Material:
     key = name.strip().lower().replace(" ", "_").replace("-", "_")
     key = ALIASES.get(key, key)
     if key not in MATERIALS:
-        raise KeyError(f"No material named '{name}'. There are: {', '.join(MATERIALS)}; or leave it out.")
+        guess = did_you_mean(key, MATERIALS)
+        raise KeyError(f"No material named '{name}'.{guess} There are: {', '.join(MATERIALS)}; or leave it out.")
     return MATERIALS[key]

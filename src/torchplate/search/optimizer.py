@@ -10,13 +10,14 @@ Source: the ask / tell form is that of Collette, Hansen, Pujol, Salazar Aponte a
 object-oriented programming of optimizers", and of evosax (Lange 2022).
 """
 
-import difflib
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
+
+from torchplate.nearest import did_you_mean
 
 OPTIMIZERS: dict[str, "type[Optimizer[Any]]"] = {}
 """Every optimiser by the name it has in a config; a subclass enters itself when it is defined."""
@@ -122,9 +123,7 @@ def optimizer_named(name: str) -> "type[Optimizer[Any]]":
 
 def unknown_name(kind: str, name: str, known: "dict[str, Any]") -> str:
     """The sentence for a name that nothing answers to: what came, the nearest name, all that there are."""
-    nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
-    guess = f" Did you mean {nearest[0]!r}?" if nearest else ""
-    return f"No {kind} named {name!r}.{guess} Choose one of: {', '.join(sorted(known))}."
+    return f"No {kind} named {name!r}.{did_you_mean(name, known)} Choose one of: {', '.join(sorted(known))}."
 
 
 def without_nan(fitness: Float[Tensor, "*batch n_member"]) -> Float[Tensor, "*batch n_member"]:
