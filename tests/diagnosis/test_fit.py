@@ -3,12 +3,14 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.fit import N_TOGETHER, Problem, fit
+from torchplate.diagnosis import model_builder
+from torchplate.diagnosis.fit import N_TOGETHER, USUAL, Problem, fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel, Searched
+from torchplate.model.extrapolation import extrapolate
 from torchplate.plate import Mesh
 
 RESPONSE, REFERENCE = (3, 17), (7, 9, 14)
@@ -171,7 +173,7 @@ def test_of_several_starts_the_best_goes_to_the_end_alone(builder, plate, truth,
         return descend(self, start, level, n_iteration, *others)
 
     monkeypatch.setattr(Problem, "descend", told)
-    (place,), (value,), (jacobian,) = problem.descend_sharply(starts)
+    (place,), (value,), (jacobian,) = problem.descend_sharply(starts, USUAL)
     assert asked[0] == (3, N_TOGETHER)
     assert [count for count, _ in asked] == [3, 1]
     (alone,), (least,), _ = problem.descend(starts[1:2], builder.target.levels - 1, 12)
@@ -181,23 +183,14 @@ def test_of_several_starts_the_best_goes_to_the_end_alone(builder, plate, truth,
 
 
 @torch.no_grad()
-def test_a_hopeless_fit_borrows_the_mesh_correction_and_another_gets_its_own(lab, plate, truth, monkeypatch):
+def test_the_mesh_error_is_found_once_for_all_fits(lab, plate, truth, monkeypatch):
     true = plate.frf(truth, LINES)
     builder = ModelBuilder(plate, measured(lab, true, 0))
-    near = builder.corrected(builder.given, truth).model
     asked = []
-    corrected = builder.corrected
-    monkeypatch.setattr(builder, "corrected", lambda *given: asked.append(1) or corrected(*given))
+    monkeypatch.setattr(model_builder, "extrapolate", lambda *given: asked.append(1) or extrapolate(*given))
     start = torch.tensor([[0.55, 0.5, 0.5]], dtype=torch.float64)
-    given_up = fit(builder, builder.given, start, wide=False, hopeless=0.0, near=near)
-    assert not asked
-    assert given_up.model.assembly is near.assembly
-    own = fit(builder, builder.given, start, wide=False, near=near)
+    given_up = fit(builder, builder.given, start, wide=False, hopeless=0.0)
+    own = fit(builder.against(measured(lab, true, 1)), builder.given, start, wide=False)
     assert len(asked) == 1
-    assert own.model.assembly is not near.assembly
-    alone = fit(builder, builder.given, start, wide=False)
-    assert torch.allclose(own.theta, alone.theta, rtol=1e-3)
-    # What is borrowed is worth having: without any correction the frequencies are off.
-    assert given_up.square == pytest.approx(own.square, rel=0.05)
-    with pytest.raises(ValueError, match="Take one of this builder"):
-        builder.corrected_as(builder.given, plate)
+    assert own.model.assembly.correction is given_up.model.assembly.correction
+    assert own.model.assembly.correction is not None

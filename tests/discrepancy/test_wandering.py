@@ -1,4 +1,4 @@
-"""A plate whose section wanders is that plate: against elements that really differ, and against what it is linear in."""
+"""A plate whose section wanders is that plate: against elements that really differ, and what it is linear in."""
 
 import math
 
@@ -102,7 +102,7 @@ def test_a_model_forgets_how_it_wandered():
 
 def test_the_likelihood_hangs_little_on_where_it_is_linear():
     """Where shifts are a hundredth of a peak's width, taken about them or about none is the same."""
-    wandering = Wandering(2e-5, 2e-5, 1e-4, 2)
+    wandering = Wandering(4e-6, 4e-6, 2e-5, 2)
     model, still = reduced(plate()), torch.zeros_like(LINES)
     truth = wandered(model, NOBODY, wandering, Found(SHIFT, SPREAD)).frf(NOBODY, LINES)
     noise = 1e-2 * truth.abs().square().mean(0).sqrt()

@@ -35,6 +35,8 @@ N_BASIS, SETTLED, FALLING, N_MOST = 3, 2e-2, 0.85, 8
 # Times that a fit goes on beside nuisances as they are found; how much smaller one has to be, and by what part of a
 # peak's width the section has to move a mode; and the fall of −2 ln L that is worth no further time.
 N_SETTLED, FEWER, WIDTH, LITTLE = 4, 0.5, 0.3, 1.0
+# Standard deviations that a term of a section is put into the model with, at most: a twentieth of its thickness.
+FARTHEST = 10.0
 # A parameter off by its standard deviation weighs at the wide levels as much as this part of all that is measured.
 TOLD_PART = 0.05
 
@@ -219,7 +221,6 @@ def fit(
     prior: Prior | None = None,
     wide: bool = True,
     hopeless: float = math.inf,
-    near: PlateModel | None = None,
     about: Found | None = None,
 ) -> Fit:
     """Fit a model from several starts.
@@ -231,7 +232,6 @@ def fit(
         prior: what is known of its parameters beforehand.
         wide: whether to begin at the wide levels.
         hopeless: sum of squares of the fitted residuals beyond which the first basis is the last.
-        near: much the same model, whose mesh error is taken off: what is taken off there does for the first basis.
         about: how far the plate's section wanders, as far as is known at the start.
     """
     prior, target = prior or {}, builder.target
@@ -241,11 +241,8 @@ def fit(
     value = torch.inf
     for turn in range(N_MOST):
         theta = model.space.to_si(position)
-        borrowed = turn == 0 and near is not None
-        if turn == 0 and near is not None:
-            corrected = builder.corrected_as(model, near)
-        elif turn == (near is not None):
-            corrected = builder.corrected(model, theta)[0]
+        if turn == 0 or (turn == 1 and builder.held):
+            corrected = builder.corrected(model, theta).model
         plain = builder.reduced(corrected, theta[None])
         reduced = wandered(plain, theta, target.wandering, about)
         starts = start if turn == 0 else position[None]
@@ -260,7 +257,7 @@ def fit(
         position = places[best]
         if turn > 0 and abs(before - value) <= SETTLED * value:
             break
-        if 2 * value > hopeless or (float(moved) < 1e-6 and not borrowed):
+        if 2 * value > hopeless or float(moved) < 1e-6:
             break
         if turn + 1 >= N_BASIS and value > FALLING * before:
             break
@@ -312,8 +309,8 @@ def _settled(
             break
         if fewer:
             scale = smaller
-        if further:
-            about = found.judged.found
+        if further and found.judged.found is not None:
+            about = found.judged.found.within(FARTHEST)
     assert best is not None
     return best
 

@@ -102,16 +102,6 @@ class ModelBuilder:
         found = self._known[0]
         return found._replace(model=on_mesh(plain, found.model.assembly))
 
-    def corrected_as(self, model: PlateModel, near: PlateModel) -> PlateModel:
-        """A model with what was taken off as mesh error of one that is much the same: at no cost.
-
-        Raises:
-            ValueError: if that one is on another mesh.
-        """
-        if near.mesh != self.mesh:
-            raise ValueError(f"Expected a model on {self.mesh}, got one on {near.mesh}. Take one of this builder.")
-        return on_mesh(model, near.assembly)
-
     def finished(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> PlateModel:
         """A model with its searched parameters at these values, and what did not yield held as in the given one."""
         numbers = model.replaced(known=model.as_dict(theta), searched={})

@@ -31,6 +31,8 @@ from torchplate.discrepancy.wandering import Found
 
 # Fixed points are at rest where no scale changes by more than this part; and after so many turns in any case.
 AT_REST, N_TURN = 1e-3, 60
+# Relative rounding of a number.
+ROUNDING = torch.finfo(torch.float64).eps
 
 
 class Judged(NamedTuple):
@@ -209,8 +211,7 @@ class Marginal:
         if not len(self.group):
             return found
         root = self._root(torch.tensor([judged.scale[name] for name in self.names], dtype=torch.float64))
-        scaled = root[:, None] * self.gram * root / noise
-        lower = torch.linalg.cholesky(scaled + torch.eye(len(root)).to(scaled))
+        lower = self._lower(root, noise)
         half = torch.linalg.solve_triangular(lower, (self.along(rows) * root / noise).mT, upper=False)
         return found - half.mT @ half
 
@@ -226,6 +227,13 @@ class Marginal:
 
     def _root(self, scale: Float[Tensor, " n_group"]) -> Float[Tensor, " n_nuisance"]:
         return scale[self.group] if len(self.group) else scale
+
+    def _lower(self, root: Float[Tensor, " n_nuisance"], noise: float) -> Float[Tensor, "n_nuisance n_nuisance"]:
+        """Cholesky's factor of I + K."""
+        scaled = root[:, None] * self.gram * root / noise
+        # Where one nuisance shows 10⁸ times as far as the noise, rounding of its square is as large as I.
+        rounding = ROUNDING * float(scaled.diagonal().max()) * len(root)
+        return torch.linalg.cholesky(scaled + (1 + rounding) * torch.eye(len(root)).to(scaled))
 
     def _whitener(self, root: Tensor) -> Tensor:
         """W with (I + J S Jᵀ)^−½ = I − J W Jᵀ."""
@@ -256,8 +264,7 @@ class Marginal:
             along = self.along(residual)
             for _ in range(N_TURN):
                 root = self._root(scale)
-                scaled = root[:, None] * self.gram * root / noise
-                lower = torch.linalg.cholesky(scaled + torch.eye(len(root)).to(scaled))
+                lower = self._lower(root, noise)
                 inverse = torch.cholesky_inverse(lower)
                 mean = inverse @ (root * along / noise)
                 # What the data say of each nuisance: 1 where they say all, 0 where only its prior does.
@@ -295,7 +302,6 @@ class Marginal:
         if not len(along):
             return found
         root = self._root(scale)
-        scaled = root[:, None] * self.gram * root / noise
-        lower = torch.linalg.cholesky(scaled + torch.eye(len(root)).to(scaled))
+        lower = self._lower(root, noise)
         half = torch.linalg.solve_triangular(lower, (root * along / noise)[:, None], upper=False)
         return found + 2 * float(lower.diagonal().log().sum()) - float(half.square().sum())

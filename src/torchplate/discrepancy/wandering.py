@@ -56,6 +56,10 @@ class Found(NamedTuple):
     shift: Float[Tensor, " n_term"]
     spread: Float[Tensor, "n_term n_term"]
 
+    def within(self, most: float) -> "Found":
+        """The same, but for shifts beyond so many standard deviations: a model about them would be no plate any more."""
+        return self._replace(shift=self.shift.clamp(-most, most))
+
 
 class Term(NamedTuple):
     """One way in which a section wanders, by one standard deviation.

@@ -96,7 +96,7 @@ class Exchange:
         starts = [[values[name] for name in model.names] for values in (then | now, now | then)]
         start = model.space.to_cube(torch.tensor(starts).to(state.fit.theta)).clamp(1e-3, 1 - 1e-3)
         limit = HOPELESS * state.fit.square
-        found = fit(self.builder, model, start, self.prior, wide=False, hopeless=limit, near=state.fit.model)
+        found = fit(self.builder, model, start, self.prior, wide=False, hopeless=limit)
         self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
         return replace(rival, fit=found)
 

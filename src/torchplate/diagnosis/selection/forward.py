@@ -291,7 +291,7 @@ class ForwardSelection:
         start = torch.tensor([[values[name] for name in state.model.names]]).to(state.fit.theta)
         limit = state.fit.square
         position = state.model.space.to_cube(start)
-        found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit, near=state.fit.model)
+        found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit)
         if not found.by_noise or found.square > (1 - LEAST_PART) * state.fit.square:
             return None
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")

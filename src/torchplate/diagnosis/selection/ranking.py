@@ -142,7 +142,7 @@ class Ranking:
         for one, several in together.values():
             least = min((other.fit.square for other in (*before, *found)), default=math.inf)
             limit = HOPELESS * least
-            found.append(self._refit(state, one.candidate, one.label, torch.cat(several), limit, near=state.fit.model))
+            found.append(self._refit(state, one.candidate, one.label, torch.cat(several), limit))
         return found
 
     def _by_chance(self, state: State) -> Tensor | None:
@@ -313,7 +313,7 @@ class Ranking:
             if own in values:
                 values[own] = value
         start = torch.tensor([list(values.values())]).to(found.fit.theta)
-        return self._refit(state, found.candidate, found.label, whole.space.to_cube(start), near=support.fit.model)
+        return self._refit(state, found.candidate, found.label, whole.space.to_cube(start))
 
     def refitted(self, state: State, candidate: Candidate, theta: Tensor) -> Hypothesis:
         """A candidate in a state's model with these parameters, fitted from its trials."""
@@ -321,7 +321,7 @@ class Ranking:
         label = new_label(model, candidate.name)
         whole = with_candidate(model, label, candidate)
         starts = [start_of(whole, theta, model, trial.values, label) for trial in candidate.far]
-        return self._refit(state, candidate, label, torch.stack(starts), near=state.fit.model)
+        return self._refit(state, candidate, label, torch.stack(starts))
 
     def _refit(
         self,
@@ -330,11 +330,10 @@ class Ranking:
         label: str,
         starts: Tensor,
         hopeless: float = math.inf,
-        near: PlateModel | None = None,
     ) -> Hypothesis:
         whole = with_candidate(state.model, label, candidate)
         about = None if excessive(state.fit) else state.fit.about
-        found = fit(self.builder, whole, starts, self.prior, wide=False, hopeless=hopeless, near=near, about=about)
+        found = fit(self.builder, whole, starts, self.prior, wide=False, hopeless=hopeless, about=about)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
         return Hypothesis(candidate, label, found, n_option=self._n_option.get(candidate.name, 1))
 
