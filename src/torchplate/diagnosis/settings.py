@@ -39,12 +39,12 @@ class Lines:
     """How many lines of a large test are looked at; noise is estimated from all.
 
     Args:
-        most_numbers: real numbers of all FRFs together, at most [-]: six times as many as any test counts as
+        most_numbers: real numbers of all FRFs together, at most [-]: twice as many as any test counts as
             (`Comparison.misspecified`).
         least: lines that are kept in any case [-]: some ten for each mode of a band with forty.
     """
 
-    most_numbers: int = 60_000
+    most_numbers: int = 20_000
     least: int = 400
 
 

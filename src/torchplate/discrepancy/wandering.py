@@ -57,7 +57,7 @@ class Found(NamedTuple):
     spread: Float[Tensor, "n_term n_term"]
 
     def within(self, most: float) -> "Found":
-        """The same, but for shifts beyond so many standard deviations: a model about them would be no plate any more."""
+        """Shifts of so many standard deviations at most: a model about farther ones would be no plate any more."""
         return self._replace(shift=self.shift.clamp(-most, most))
 
 
