@@ -11,12 +11,13 @@ import torchplate
 
 ROOT = Path(torchplate.__file__).parent
 # Each room may use itself and those before it; search stands alone; diagnosis, identification, bench and examples may
-# use all of these, the command line may use diagnosis, identification and bench too, and nobody examples.
+# use all of these, the report may use diagnosis and identification too, the command line all but the examples.
 ROW = ("plate", "effects", "model", "measurement", "discrepancy")
 MAY_USE = {room: {*ROW[: index + 1]} for index, room in enumerate(ROW)}
 MAY_USE |= {"search": {"search"}, "examples": {*ROW, "search", "examples"}}
 MAY_USE |= {room: {*ROW, "search", room} for room in ("bench", "diagnosis", "identification")}
-MAY_USE |= {"cli": {*ROW, "search", "bench", "diagnosis", "identification", "cli"}}
+MAY_USE |= {"report": {*ROW, "search", "diagnosis", "identification", "report"}}
+MAY_USE |= {"cli": {*ROW, "search", "bench", "diagnosis", "identification", "report", "cli"}}
 # What only one file may import, and which.
 ONLY = {"yaml": "cli/config.py", "pydantic": "cli/schema.py", "tensorboard": "cli/log.py"}
 VAGUE = {"utils", "util", "misc", "helpers", "helper", "common", "core", "base", "manager"}

@@ -144,7 +144,8 @@ def bench(measured: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.Monkey
     Rendering takes most of the time of a run as small as these; `finished` renders, and monkeypatch.undo() brings it
     back.
     """
-    monkeypatch.setattr("torchplate.cli.report.save", lambda _, path: path.write_bytes(PNG))
+    monkeypatch.setattr("torchplate.report.run.png", lambda *_: PNG)
+    monkeypatch.setattr("torchplate.report.page._picture", lambda _: "")
     for name, content in measured.items():
         (tmp_path / name).write_bytes(content)
     return Bench(tmp_path)

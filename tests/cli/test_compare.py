@@ -38,7 +38,7 @@ def test_the_comparison_goes_into_the_folder_above_the_runs(finished, command):
 @pytest.fixture
 def seeds(bench, monkeypatch):
     """Two seeds of one DE, two repeats of the same in one run, and a DE with another weight."""
-    monkeypatch.setattr("torchplate.cli.compare.save", lambda _, path: path)
+    monkeypatch.setattr("torchplate.cli.compare.png", lambda *_: b"")
     runs = {"a": {}, "b": {"search.seed": 8}, "c": {"search.n_repeat": 2}, "d": {"search.differential_weight": 0.4}}
     return [
         bench.run(["plate.youngs_modulus"], {"search.n_generation": 4} | changes, name).folder

@@ -137,7 +137,8 @@ def test_gaps_are_those_of_the_model_that_is_handed_over(diagnosed):
 
 
 def test_run_evaluates_the_model_that_is_handed_over(diagnosed, tmp_path, monkeypatch):
-    monkeypatch.setattr("torchplate.cli.report.save", lambda _, path: path.write_bytes(b""))
+    monkeypatch.setattr("torchplate.report.run.png", lambda *_: b"")
+    monkeypatch.setattr("torchplate.report.page._picture", lambda _: "")
     assert main(["run", str(diagnosed.folder / "model.yaml"), "--out", str(tmp_path / "run")]) == 0
     result = json.loads((tmp_path / "run" / "result.json").read_text())
     gap, n_heldout = diagnosed.content["gap"], int(diagnosed.found.overlay.heldout.sum())

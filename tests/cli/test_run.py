@@ -57,6 +57,7 @@ class TestAFinishedRun:
             "checkpoint.pt",
             "result.json",
             "report.md",
+            "report.html",
             "frf.png",
             "convergence.png",
         }
@@ -183,6 +184,7 @@ def test_a_config_of_numbers_only_is_evaluated(bench):
         "versions.json",
         "result.json",
         "report.md",
+        "report.html",
         "frf.png",
     }
 

@@ -9,9 +9,7 @@
 - `ranks`: the processes of torchrun that share the search of a run.
 - `folder`: where a run is written and what it is resumed from; `occupied`: by one command at a time; `writing`: files
   that are written whole or not at all.
-- `report`, `figures`, `log`: report.md, the figures, and what goes to TensorBoard as it happens;
-  `heartbeat`: a line every ten seconds where no bar can be shown.
-- `diagnosis_report`, `diagnosis_figures`, `assurance_figure`, `diagnosis_style`: what a diagnosis says to people.
+- `log`: what goes to TensorBoard as it happens; `heartbeat`: a line every ten seconds where no bar can be shown.
 - `main_job`, `hidden_effect`, `paper`, `real`: what `make run`, `make diagnose`, `make paper` and `make real` do.
 - `bench`: `torchplate bench`, what is fast and beside what.
 - `main`: the command line; `verbs`: what each verb takes, an example of each, and what it calls.

@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.table import Table
 
 from torchplate.cli.config import InputError
-from torchplate.cli.figures import Convergence, convergence, save
 from torchplate.cli.log import read_history
-from torchplate.cli.writing import write_text
+from torchplate.cli.writing import write_bytes, write_text
+from torchplate.report import Convergence, convergence, png
 
 # A search counts as arrived when its best objective is within this part of the best that any run found.
 WITHIN = 0.01
@@ -63,9 +63,10 @@ def compare(folders: Sequence[Path], out: Path | None = None, console: Console |
         )
     groups = gathered(folders)
     out = out or Path(os.path.commonpath([folder.resolve().parent for folder in folders]))
-    figure = save(
-        convergence({label: group.history for label, group in groups.items()}, kinds.pop()), out / "comparison.png"
-    )
+    figure = out / "comparison.png"
+    drawn = convergence({label: group.history for label, group in groups.items()}, kinds.pop())
+    figure.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(figure, png(drawn, 90, 64))
     summary, parameters = _tables(groups)
     for table in (summary, parameters):
         console.print(_rich(table))

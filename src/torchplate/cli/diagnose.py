@@ -14,9 +14,10 @@ from torchplate.cli.config import Known, dump, quantity
 from torchplate.cli.folder import check_free, open_folder, relocated, run_folder
 from torchplate.cli.occupied import occupied
 from torchplate.cli.run import device_named
-from torchplate.cli.writing import write_text
+from torchplate.cli.writing import write_files, write_text
 from torchplate.diagnosis import Diagnosis
 from torchplate.diagnosis import diagnose as find_missing
+from torchplate.discrepancy.notation import percent
 from torchplate.effects import options
 
 MODEL = "model.yaml"
@@ -115,10 +116,10 @@ def write(recipe: Run, found: Diagnosis, folder: Path, report: bool, command: st
     content = found.to_dict() | {"model": MODEL}
     write_text(folder / "diagnosis.json", json.dumps(_plain(content), indent=1, allow_nan=False) + "\n")
     if report:
-        from torchplate.cli.diagnosis_report import write_diagnosis
         from torchplate.cli.log import log_diagnosis
+        from torchplate.report import diagnosis_report
 
-        write_diagnosis(recipe.path.stem, found, folder, f"torchplate diagnose {command}")
+        write_files(folder, diagnosis_report(recipe.path.stem, found, folder, f"torchplate diagnose {command}"))
         log_diagnosis(folder, found)
 
 
@@ -168,16 +169,20 @@ def _say(console: Console, found: Diagnosis, folder: Path) -> None:
         console.print(f"  {effect.evidence} Confidence {effect.confidence:.2f}.", highlight=False)
     gap = found.gap
     held = (
-        "" if gap.heldout_final is None else f" (held-out FRFs {gap.heldout_baseline:.3g} to {gap.heldout_final:.3g})"
+        ""
+        if gap.heldout_final is None
+        else f" (held-out FRFs {percent(gap.heldout_baseline)} to {percent(gap.heldout_final)})"
     )
-    console.print(f"  gap {gap.baseline:.3g} to {gap.final:.3g}{held}; noise floor {gap.noise_floor:.3g}")
+    console.print(
+        f"  gap {percent(gap.baseline)} to {percent(gap.final)}{held}; noise floor {percent(gap.noise_floor)}"
+    )
     if found.scores:
         table = Table("effect", "expected drop", "gap after refit", "", box=None, padding=(0, 2))
         for row in found.scores[0]:
             table.add_row(
                 row.name,
-                f"{100 * row.expected_drop:.1f} %",
-                "" if row.gap is None else f"{row.gap:.3g}",
+                percent(row.expected_drop),
+                percent(row.gap),
                 row.remark,
             )
         console.print(table)

@@ -21,7 +21,7 @@ CHECKPOINT = "checkpoint.pt"
 
 # What each verb leaves, and does not write over unasked.
 PRODUCTS = {
-    "run": ("result.json", "report.md", "checkpoint.pt"),
+    "run": ("result.json", "report.md", "report.html", "checkpoint.pt"),
     "diagnose": ("diagnosis.json", "model.yaml", "report.md", "report.html"),
 }
 

@@ -12,9 +12,9 @@ from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
-from torchplate.cli.diagnosis_figures import log_figures, step_tags
 from torchplate.cli.writing import whole, write_bytes
 from torchplate.diagnosis.result import Diagnosis
+from torchplate.report import log_figures, step_tags
 from torchplate.search import Progress
 
 _DIAGNOSIS = ".diagnosis"

@@ -16,18 +16,17 @@ from rich.table import Table
 from torchplate.cli.build import SEARCHES, Run, load_run
 from torchplate.cli.compare import histories
 from torchplate.cli.config import InputError
-from torchplate.cli.figures import convergence
 from torchplate.cli.folder import check_free, open_folder, read_checkpoint, run_folder
 from torchplate.cli.heartbeat import Heartbeat
 from torchplate.cli.log import RunLog
 from torchplate.cli.memory import without_basis
 from torchplate.cli.occupied import occupied
 from torchplate.cli.ranks import Ranks, Shared
-from torchplate.cli.report import figures, frf_figures, write_report
-from torchplate.cli.writing import write_text
+from torchplate.cli.writing import write_files, write_text
 from torchplate.discrepancy import Objective
 from torchplate.identification import Identified, Job, Result, Settings, evaluated, identified
 from torchplate.model import PlateModel
+from torchplate.report import frf_figures, model_report, run_report
 from torchplate.search import Checkpoint, LeastSquares, Optimizer, Outcome
 from torchplate.search import Progress as SearchProgress
 
@@ -221,10 +220,17 @@ def _written(recipe: Run, end: Identified, folder: Path, console: Console) -> Fo
     """Write the result, the report and its figures, and print them."""
     result = content(recipe, end.result)
     write_text(folder / "result.json", json.dumps(result, indent=1, allow_nan=False) + "\n")
-    drawn = figures(end.searched, end.result.theta, recipe.config.log.n_panel)
-    if end.outcome is not None:
-        drawn["convergence"] = convergence(histories([folder]), result["objective_kind"])
-    write_report(recipe, end.searched, end.result, drawn, folder)
+    measurement = end.searched.evidence.measurement
+    told = run_report(
+        recipe.path.stem,
+        end.searched,
+        end.result,
+        recipe.config.log.n_panel,
+        None if end.outcome is None else histories([folder]),
+        None if measurement is None else recipe.placement(measurement),
+        f"torchplate run {shlex.quote(str(recipe.path))}",
+    )
+    write_files(folder, told)
     _say(console, folder, result, end.result.caveats)
     return Found(folder, result, end.result.caveats)
 
@@ -249,7 +255,7 @@ def _evaluated(recipe: Run, model: PlateModel, folder: Path, console: Console) -
     write_text(folder / "result.json", json.dumps(result, indent=1) + "\n")
     listed = ", ".join(f"{hertz:.2f}" for hertz in found.natural_frequencies_hz)
     text = f"Natural frequencies [Hz], undamped, rigid-body modes first: {listed}."
-    write_text(folder / "report.md", f"# {recipe.path.stem}\n\n{text}\n")
+    write_files(folder, model_report(recipe.path.stem, model, found, f"torchplate run {shlex.quote(str(recipe.path))}"))
     console.print(f"[bold]{recipe.path.stem}[/]: {text}\n  Results: {folder}", soft_wrap=True)
     return Found(folder, result, [])
 

@@ -1,7 +1,7 @@
 """Files that are written whole or not at all: under another name beside, onto the disk, and then renamed."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -32,6 +32,13 @@ def whole(path: Path) -> Iterator[Path]:
 def write_text(path: Path, text: str) -> None:
     """A text file, whole or not at all."""
     write_bytes(path, text.encode())
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Files by their paths in a folder, which are made; each whole or not at all."""
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(folder / name, content)
 
 
 def write_bytes(path: Path, content: bytes) -> None:

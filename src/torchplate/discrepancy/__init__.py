@@ -9,6 +9,7 @@
 - `nuisance`: what every test has and nobody wants named, as changes of the FRFs; `marginal`: the likelihood with that
   integrated out.
 - `covariance`: from the Jacobian and the noise of every residual to standard errors and correlations.
+- `notation`: a gap in print.
 """
 
 from torchplate.discrepancy.assurance import csac, csf, frac

@@ -1,0 +1,32 @@
+"""Results as people read them: one content in Markdown, in one HTML file and in figures. Nothing here writes a file.
+
+- `document`: the blocks a report is made of; `markdown`, `page`: the two forms of it; `page_style`: how it looks.
+- `numbers`: values with their errors; `channel_names`: what "3w" says.
+- `diagnosis`: the report of a diagnosis; `verdict`: its first sentence; `diagnosis_tables`: its tables;
+  `diagnosis_figures`: its figures.
+- `gap_figure`, `bands_figure`, `frf_figure`, `plate_map`, `assurance_figure`: what each of them shows.
+- `mode_shapes`: small multiples of a model's modes; `measured_shapes`: what was measured beside them.
+- `run`: the report of a run; `run_figures`: its figures.
+- `style`: colours, curves and axes that all figures share; `drawing`: a figure as a picture.
+"""
+
+from torchplate.report.diagnosis import diagnosis_report
+from torchplate.report.diagnosis_figures import log_figures
+from torchplate.report.drawing import png
+from torchplate.report.gap_figure import step_tags
+from torchplate.report.run import frf_figures, model_report, run_report
+from torchplate.report.run_figures import Convergence, convergence
+from torchplate.report.verdict import verdict_sentence
+
+__all__ = [
+    "Convergence",
+    "convergence",
+    "diagnosis_report",
+    "frf_figures",
+    "log_figures",
+    "model_report",
+    "png",
+    "run_report",
+    "step_tags",
+    "verdict_sentence",
+]
