@@ -6,7 +6,8 @@
 - `level`, `deviation`: what a measure is made of: the fitted level where readings carry no unit, and residuals.
 - `objective`: the function of theta that a search minimises.
 - `sensitivity`: what a small change of each parameter does to the prediction: uncertainty, and blind directions.
-- `nuisance`: what every test has and nobody wants named, as changes of the FRFs; `marginal`: the likelihood with that
+- `nuisance`: what every test has and nobody wants named, as changes of the FRFs; `wandering`: a plate whose section is
+  not the same everywhere; `marginal`: the likelihood with all that
   integrated out.
 - `covariance`: from the Jacobian and the noise of every residual to standard errors and correlations.
 - `notation`: a gap in print.

@@ -5,7 +5,6 @@ one number for each member. Beside the number it has a level (the gain of a meas
 for least squares.
 """
 
-import difflib
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
@@ -14,6 +13,7 @@ from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from torchplate.measurement import Measurement
+from torchplate.nearest import did_you_mean
 
 # A coherence above 1 − this is not believed: what is then left is not noise, and one line would outweigh all others.
 INCOHERENT = 1e-4
@@ -119,9 +119,9 @@ def find_objective(kind: str) -> Measure:
         KeyError: if there is none, with the nearest name.
     """
     if kind not in OBJECTIVES:
-        near = difflib.get_close_matches(kind, OBJECTIVES, n=1)
-        guess = f" Did you mean '{near[0]}'?" if near else ""
-        raise KeyError(f"No objective named '{kind}'.{guess} There are: {', '.join(OBJECTIVES)}.")
+        raise KeyError(
+            f"No objective named '{kind}'.{did_you_mean(kind, OBJECTIVES)} There are: {', '.join(OBJECTIVES)}."
+        )
     return OBJECTIVES[kind]
 
 

@@ -84,8 +84,8 @@ def plate_map(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
     margin = 0.045 * max(sides)
     axis.set(xlim=(-margin, sides[0] + margin), ylim=(-margin, sides[1] + margin), aspect="equal")
     for along, side in ((axis.xaxis, sides[0]), (axis.yaxis, sides[1])):
-        part = side / max(sides)
-        ticks = MaxNLocator((4 if narrow else 6) if part > 0.4 else 2 if part > 0.15 else 1).tick_values(0, side)
+        share = side / max(sides)
+        ticks = MaxNLocator((4 if narrow else 6) if share > 0.4 else 2 if share > 0.15 else 1).tick_values(0, side)
         along.set_ticks([tick for tick in ticks if -1e-9 <= tick <= side * (1 + 1e-9)])
     axis.set_xlabel("x [mm]", color=INK)
     axis.set_ylabel("y [mm]", color=INK)
