@@ -34,16 +34,19 @@ class Fineness(NamedTuple):
         part: of a natural frequency's mesh error that is left [-].
         shift: of a natural frequency that is left in any case, relative [-].
         shape: of `target.SHAPE` that is left [-].
+        place: by which lines of equal deflection are off, in sides of an element [-].
     """
 
     least: int
     part: float
     shift: float
     shape: float
+    place: float
 
 
 # Where effects are looked for; and where the last model is settled.
-SEARCHING, SETTLING = Fineness(256, 0.02, 3e-5, 1.0), Fineness(576, 0.01, 1e-5, 0.5)
+# What is left is of the second order in an element's side, and a deflection over its slope is a place.
+SEARCHING, SETTLING = Fineness(256, 0.02, 3e-5, 1.0, 2.5e-3), Fineness(576, 0.01, 1e-5, 0.5, 1.7e-3)
 
 
 class ModelBuilder:
@@ -135,7 +138,10 @@ class ModelBuilder:
         at = torch.searchsorted(found.frequency.contiguous(), line.contiguous()).clamp(max=len(worst) - 1)
         shift = self.fineness.shift + self.fineness.part * worst[at]
         in_band = int((found.frequency <= self.top).sum())
-        return self.against(self.target.with_mesh_error(shift, self.fineness.shape, in_band))
+        n_x, n_y = self.mesh.cells
+        side = max(self.mesh.length_x / n_x, self.mesh.length_y / n_y)
+        place = self.fineness.place * side
+        return self.against(self.target.with_mesh_error(shift, self.fineness.shape, in_band, place))
 
     def against(self, target: FrfTarget) -> "ModelBuilder":
         """The same beside another target; meshes are shared."""

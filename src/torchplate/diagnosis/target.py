@@ -54,6 +54,7 @@ class FrfTarget:
         settings: what is taken for granted.
         sign: 1 or −1 of each FRF, by which it is read the other way round; None where all are read as they are.
         mesh_shift: standard deviation of ln f of the modes at each line, as the mesh leaves it [-]; None for none.
+        mesh_left: of the deflections: distance by which lines of equal deflection are off [m], and part of them [-].
         model_variance: of the real and of the imaginary part, what the model as such leaves; None for none.
         n_mode: modes in the band.
         n_modal: numbers that what is left says, where it is not noise.
@@ -69,6 +70,7 @@ class FrfTarget:
     settings: DiagnosisSettings = SETTINGS
     sign: Float[Tensor, "n_response n_reference"] | None = None
     mesh_shift: Float[Tensor, " n_frequency"] | None = None
+    mesh_left: tuple[float, float] = (0.0, 0.0)
     model_variance: Float[Tensor, "n_frequency n_response n_reference"] | None = None
     n_mode: int = 1
     n_modal: float = 2.0
@@ -96,20 +98,29 @@ class FrfTarget:
         """
         return self._but(sign=sign if self.sign is None else sign * self.sign)
 
-    def with_mesh_error(self, shift: Float[Tensor, " n_frequency"], shape: float, n_mode: int) -> "FrfTarget":
+    def with_mesh_error(
+        self, shift: Float[Tensor, " n_frequency"], shape: float, n_mode: int, place: float = 0.0
+    ) -> "FrfTarget":
         """The same with what is left of the mesh error: shifts of the modes among the nuisances, the rest as noise.
 
         Args:
             shift: standard deviation of ln f of the modes at each line [-].
             shape: the part of `SHAPE` that this mesh leaves [-].
             n_mode: modes in the band.
+            place: distance by which this mesh leaves the lines of equal deflection off [m].
         """
         part = SHAPE[0] + (SHAPE[1] - SHAPE[0]) * (self.frequency / self.frequency[-1])[:, None, None]
         power = self.measured.abs().square()
         variance = 0.5 * ((ROUNDING * shape) ** 2 * power + (part * shape).square() * self.smoothing.around)
         # Of each mode a frequency and a damping, and a deflection at each FRF.
         n_modal = 2.0 * max(1, n_mode) * (1 + int(self.measurement.measured.sum()))
-        return self._but(mesh_shift=shift, model_variance=variance, n_mode=max(1, n_mode), n_modal=n_modal)
+        return self._but(
+            mesh_shift=shift,
+            mesh_left=(place, SHAPE[1] * shape),
+            model_variance=variance,
+            n_mode=max(1, n_mode),
+            n_modal=n_modal,
+        )
 
     @property
     def frequency(self) -> Float[Tensor, " n_frequency"]:
@@ -180,7 +191,9 @@ class FrfTarget:
             return Marginal(self.variance / self.independent, None, self.fitted, freedom, self.settings.knowledge)
         shift = torch.zeros_like(self.frequency) if self.mesh_shift is None else self.mesh_shift
         spread = None if about is None else about.spread
-        found = nuisances(model, theta, self.frequency, self.imperfections, self.wandering, shift, spread)
+        found = nuisances(
+            model, theta, self.frequency, self.imperfections, self.wandering, shift, spread, self.mesh_left
+        )
         if self.gain_is_unknown:
             gain = float(self._gain(self.measured, model.frf(theta, self.frequency)))
             common, own, other = (gain * part for part in found[:3])

@@ -133,6 +133,7 @@ def nuisances(
     wandering: Wandering,
     mesh_shift: Float[Tensor, " n_frequency"],
     spread: Float[Tensor, "n_wander n_wander"] | None = None,
+    mesh: tuple[float, float] = (0.0, 0.0),
 ) -> Nuisances:
     """The nuisances of one test of one plate.
 
@@ -145,6 +146,8 @@ def nuisances(
         mesh_shift: relative error that the mesh leaves of a natural frequency near each line [-].
         spread: covariance of how far the section wanders, in standard deviations, where the model has it as it was
             found; None where it has it uniform.
+        mesh: what the mesh leaves of the deflections: distance by which lines of equal deflection are off [m], and part
+            of them [-].
     """
     plan = model.plan(theta)
     response, reference, kind = model._points(None, None, None)
@@ -185,17 +188,20 @@ def nuisances(
     sides = float(plan.geometry.length_x.mean()), float(plan.geometry.length_y.mean())
     own: list[tuple[str, Tensor]] = []
     other: list[tuple[str, Tensor]] = []
-    if off > 0:
-        for side, order in zip(sides, ((1, 0), (0, 1)), strict=True):
-            rows = model.assembly.rows(model.mesh.deflection_at(chain.response, *order)) @ modal.shape
-            own.append(("position_std", to_reading(off / side * _sum(modal, rows, modal.right))))
-            if reference is not None:
-                rows = model.assembly.rows(model.mesh.deflection_at(reference, *order)) @ modal.shape
-                other.append(("position_std", to_reading(off / side * _sum(modal, modal.left, rows))))
-    if (level := imperfections.std("calibration_std")) > 0:
-        own.append(("calibration_std", level * reading))
+    # Where places are known well, the mesh decides how well.
+    group, far = ("position_std", off) if off > mesh[0] else ("mesh", mesh[0])
+    for side, order in zip(sides, ((1, 0), (0, 1)), strict=True) if far > 0 else ():
+        rows = model.assembly.rows(model.mesh.deflection_at(chain.response, *order)) @ modal.shape
+        own.append((group, to_reading(far / side * _sum(modal, rows, modal.right))))
+        if reference is not None:
+            rows = model.assembly.rows(model.mesh.deflection_at(reference, *order)) @ modal.shape
+            other.append((group, to_reading(far / side * _sum(modal, modal.left, rows))))
+    level = imperfections.std("calibration_std")
+    group, level = ("calibration_std", level) if level > mesh[1] else ("mesh", mesh[1])
+    if level > 0:
+        own.append((group, level * reading))
         if n_reference > 1:
-            other.append(("calibration_std", level * reading))
+            other.append((group, level * reading))
     drift = imperfections.std("frequency_drift")
     if drift > 0 and max(n_response, n_reference) > 1:
         # What moves from record to record is what there is more of.

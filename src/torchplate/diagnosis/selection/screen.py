@@ -127,9 +127,13 @@ def screen(
         drop = (2 * alpha * along - alpha.square() * size) / max(total, 1e-300)
         values = [_moved(candidate, dict(one.values), float(a)) for one, a in zip(trials, alpha, strict=True)]
         chosen = _apart(values, drop)
+        rooms = [makes_room(alpha[index] * whole[index]) for index in chosen]
         starts = torch.stack(
-            [start_of(model, makes_room(alpha[index] * whole[index]), base, values[index], label) for index in chosen]
+            [start_of(model, room, base, values[index], label) for room, index in zip(rooms, chosen, strict=True)]
         )
+        if near is not None and candidate.searched:
+            # From where the model is, too: with an effect more it cannot end farther off than without.
+            starts = torch.cat([starts, start_of(model, theta, base, values[chosen[0]], label)[None]])
         best, least = chosen[0], int(size.argmin()) if not candidate.has_place else chosen[0]
         signature = change[least] / size[least].sqrt()
         by_chance = residual.new_zeros(0)
