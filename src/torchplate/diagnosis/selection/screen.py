@@ -27,8 +27,8 @@ from torchplate.search.jacobian import JACOBIANS
 
 # The level at which candidates are scored where peaks do not overlap.
 LEVEL = 1
-# Starts of one candidate for its refit, and how far apart they must sit.
-N_START, APART = 4, 0.2
+# Starts of one candidate for its refit, and how far apart they must sit: half the distance of places that are tried.
+N_START, APART = 8, 0.15
 # Signatures are parallel from this cosine on.
 PARALLEL = 0.98
 
