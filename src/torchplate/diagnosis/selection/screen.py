@@ -27,7 +27,7 @@ from torchplate.search.jacobian import JACOBIANS
 
 # The level at which candidates are scored where peaks do not overlap.
 LEVEL = 1
-# Starts of one candidate for its refit, and how far apart they must sit: half the distance of places that are tried.
+# Starts of one candidate for its refit, and how far apart they must sit: about as places that are tried do.
 N_START, APART = 8, 0.15
 # Signatures are parallel from this cosine on.
 PARALLEL = 0.98
