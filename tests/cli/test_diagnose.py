@@ -286,7 +286,7 @@ def test_a_defect_is_not_taken_for_bad_input(bench, make_config, monkeypatch):
     def broken(*_, **__) -> None:
         raise ValueError("a defect")
 
-    monkeypatch.setattr("torchplate.diagnosis.selection.forward.noise_level", broken)
+    monkeypatch.setattr("torchplate.diagnosis.flow.noise_level", broken)
     path = bench.write(make_config(["plate.youngs_modulus"]))
     with pytest.raises(ValueError, match=r"^a defect$"):
         main(["diagnose", str(path), "--out", str(bench.folder / "out")])

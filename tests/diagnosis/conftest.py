@@ -9,8 +9,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from torchplate.diagnosis.candidates.candidate import Candidate, candidates, channels_of
-from torchplate.diagnosis.fit import Fit, fit, judged_at
+from torchplate.diagnosis.candidates.candidate import Candidate
+from torchplate.diagnosis.candidates.catalogue import candidates, channels_of
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.judged import Fit, judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.selection.criterion import Hypothesis
 from torchplate.diagnosis.selection.ranking import Ranking

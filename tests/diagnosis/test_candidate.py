@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from torchplate.diagnosis.candidates.candidate import candidates, vector
+from torchplate.diagnosis.candidates.candidate import vector
+from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements
 from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.effects import CATALOGUE, Effect, Parameter

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from torchplate.diagnosis.candidates.candidate import Candidate, nameable
-from torchplate.diagnosis.fit import Fit
+from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.selection.criterion import (
     Hypothesis,
     choose,
@@ -24,7 +24,7 @@ from torchplate.diagnosis.selection.criterion import (
 )
 from torchplate.diagnosis.settings import Comparison
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.discrepancy.marginal import Judged
+from torchplate.discrepancy.judged import Judged
 from torchplate.effects import CATALOGUE
 
 N = 2000.0

@@ -4,8 +4,9 @@ import pytest
 import torch
 
 from torchplate.diagnosis import model_builder
-from torchplate.diagnosis.fit import N_TOGETHER, USUAL, Problem, fit
+from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.problem import Problem
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement.noise import Noise
@@ -173,8 +174,8 @@ def test_of_several_starts_the_best_goes_to_the_end_alone(builder, plate, truth,
         return descend(self, start, level, n_iteration, *others)
 
     monkeypatch.setattr(Problem, "descend", told)
-    (place,), (value,), (jacobian,) = problem.descend_sharply(starts, USUAL)
-    assert asked[0] == (3, N_TOGETHER)
+    (place,), (value,), (jacobian,) = problem.descend_sharply(starts, builder.target.settings.fitting.damping)
+    assert asked[0] == (3, builder.target.settings.fitting.n_together)
     assert [count for count, _ in asked] == [3, 1]
     (alone,), (least,), _ = problem.descend(starts[1:2], builder.target.levels - 1, 12)
     assert float(value) == pytest.approx(float(least), rel=1e-3)

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 import torchplate as tp
-from torchplate.diagnosis.fit import judged_at
+from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.trace import State
 from torchplate.effects import CATALOGUE, Effect, Parameter

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from torchplate.diagnosis import diagnose
-from torchplate.diagnosis.candidates.candidate import candidates, channels_of
+from torchplate.diagnosis.candidates.catalogue import candidates, channels_of
 from torchplate.diagnosis.candidates.held_edges import PREFIX, held_again, held_edges, on_springs, standing_for
 from torchplate.diagnosis.selection.screen import _moved
 from torchplate.effects import CATALOGUE

@@ -5,9 +5,9 @@ import torch
 
 import torchplate as tp
 from torchplate.diagnosis.holdout import held_out
+from torchplate.diagnosis.remarks import would_take
 from torchplate.diagnosis.selection.criterion import excessive, is_noise
 from torchplate.diagnosis.selection.forward import ForwardSelection
-from torchplate.diagnosis.summary import _would_take
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT, Imperfections
@@ -103,12 +103,12 @@ def test_how_large_a_nuisance_would_have_to_be_is_said(lab):
     # Twelve places along two sides: a size is good to a fifth; and the prior holds it back.
     assert large["position_std"] == pytest.approx(12.0, rel=0.5)
     assert not is_noise(baseline.fit)
-    (said,) = _would_take(baseline.fit)
+    (said,) = would_take(baseline.fit)
     assert f"hits and sensors off their marks {large['position_std']:.1f} times as large as was said" in said
     # Where that was told, nothing more is needed.
     enough = selection_of(measured, given(), Imperfections(3e-3, 0.0, 0.0, 0.0)).baseline()
     assert excessive(enough.fit) == {}
-    assert _would_take(enough.fit) == ()
+    assert would_take(enough.fit) == ()
 
 
 @torch.no_grad()

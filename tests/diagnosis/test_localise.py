@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.localise import channel_gaps, localise, missing_force
+from torchplate.diagnosis.localisation.channels import channel_gaps
+from torchplate.diagnosis.localisation.localise import localise, missing_force
 from torchplate.effects import CATALOGUE
 from torchplate.measurement.noise import noise_level
 

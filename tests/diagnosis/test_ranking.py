@@ -5,11 +5,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from torchplate.diagnosis.fit import judged_at
+from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.diagnosis.selection import ranking as module
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
 from torchplate.diagnosis.selection.screen import screen
+from torchplate.diagnosis.selection.shortlist import kept
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 
 
@@ -112,10 +113,10 @@ def test_what_took_less_than_it_promised_is_looked_for_farther_off(lab, scene):
         scene.builder, base, scene.fit.theta, [scene.candidate("sensor_gain")], {}, near=scene.fit.marginal
     )
     assert promise.drop > 0.9
-    assert module._kept([promise], [gain], scene.state)
+    assert kept([promise], [gain], scene.state, scene.ranking.settings.screening)
     stuck = Hypothesis(gain.candidate, gain.label, lab.leaving(gain.fit, 0.5 * scene.fit.square))
-    assert not module._kept([promise], [stuck], scene.state)
-    assert not module._kept([promise], [], scene.state)
+    assert not kept([promise], [stuck], scene.state, scene.ranking.settings.screening)
+    assert not kept([promise], [], scene.state, scene.ranking.settings.screening)
 
 
 @torch.no_grad()

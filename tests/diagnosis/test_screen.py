@@ -3,10 +3,11 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.candidates.candidate import candidates
+from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, rearrangements
-from torchplate.diagnosis.fit import Problem, fit
+from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.problem import Problem
 from torchplate.diagnosis.selection.screen import screen, twins
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE

@@ -6,18 +6,14 @@ import pytest
 import torch
 
 from torchplate.diagnosis.candidates.candidate import Candidate
-from torchplate.diagnosis.fit import fit, judged_at
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.naming import _chance
+from torchplate.diagnosis.remarks import all_remarks, missing_still, nothing_but_chance
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
-from torchplate.diagnosis.summary import (
-    _chance,
-    _missing,
-    _nothing_but_chance,
-    _on_symmetry,
-    _remarks,
-    _verdict,
-)
+from torchplate.diagnosis.summary import _on_symmetry, _verdict
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement.noise import noise_level
@@ -61,7 +57,7 @@ class Ended:
 def test_the_verdict_follows_from_what_is_left(lab, off, n_named, expected):
     ended = Ended(lab, off, n_named=n_named)
     assert _verdict(ended.builder, ended.state) == expected
-    said = _missing(ended.builder, ended.noise, ended.state, expected)
+    said = missing_still(ended.builder, ended.noise, ended.state, expected)
     if off:
         # 0.2 of what the model says is 0.2 / 1.2 of what was measured.
         gap = float(said[0].removeprefix("A gap of ").split(" %")[0])
@@ -77,7 +73,7 @@ def test_the_verdict_follows_from_what_is_left(lab, off, n_named, expected):
 def test_a_parameter_on_the_edge_of_its_interval_is_said(lab):
     for young, said in ((2.4999e11, True), (1.50001e11, True), (2.05e11, False)):
         ended = Ended(lab, young=young)
-        sentences = _remarks(ended.noise, ended.state, {})
+        sentences = all_remarks(ended.noise, ended.state, {})
         assert sentences[: len(ended.noise.sentences)] == tuple(ended.noise.sentences)
         assert any("plate.youngs_modulus sits on the edge" in one for one in sentences) == said
 
@@ -107,8 +103,8 @@ def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):
     for by_chance, n_sentences in ((123.4, 1), (0.0, 0)):
         ranked = Ranked((), (best,), by_chance)
         seen = Trace(after.builder, after.noise, best.fit, before.state, before.state, (ranked,), {})
-        said = _nothing_but_chance(seen)
+        said = nothing_but_chance(seen)
         assert len(said) == n_sentences
         assert all("density, would take" in one and "takes 123 once" in one for one in said)
     named = Trace(after.builder, after.noise, best.fit, before.state, after.state, (ranked,), {})
-    assert _nothing_but_chance(named) == ()
+    assert nothing_but_chance(named) == ()

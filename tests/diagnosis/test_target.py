@@ -1,10 +1,11 @@
 """What models are held against: weighed by what is not known, and wide enough to be found from afar."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
-from torchplate.diagnosis import smoothing
-from torchplate.diagnosis import target as module
+from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy.measure import Measured
 from torchplate.discrepancy.norms import relative_frf_norm
@@ -162,8 +163,8 @@ def test_an_inflated_model_error_leaves_what_was_said_of_it(lab, plate, true):
     doubted = here.inflated(wrong)
     assert not doubted.trusts_the_noise
     mean = float(((here.off(wrong).abs().square() / doubted.variance)[:, here.fitted]).mean()) / 2
-    assert mean == pytest.approx(module.DOUBTFUL, rel=0.02)
-    assert square(doubted, plate, wrong) == pytest.approx(module.DOUBTFUL * here.n_modal, rel=0.05)
+    assert mean == pytest.approx(SETTINGS.selecting.doubtful, rel=0.02)
+    assert square(doubted, plate, wrong) == pytest.approx(SETTINGS.selecting.doubtful * here.n_modal, rel=0.05)
     # The first target is as it was.
     assert here.trusts_the_noise
 
@@ -223,21 +224,20 @@ def test_a_pair_that_was_not_measured_counts_nowhere(lab, plate, true):
     assert here.marginal(plate, HERE).n == 2 * 5 * len(LINES)
 
 
-def test_many_lines_are_thinned_where_they_are_smoothed(lab, plate, monkeypatch):
+def test_many_lines_are_thinned_where_they_are_smoothed(lab, plate):
     """Twice as many lines as that takes: a wide level sees every other one, and says the same of the model."""
-    monkeypatch.setattr(smoothing, "LEAST_SMOOTHED", 400)
+    thinned, all_lines = (replace(SETTINGS, wide=replace(SETTINGS.wide, least=least)) for least in (400, 801))
     lines = torch.linspace(10.0, 340.0, 801, dtype=torch.float64)
     theta = TRUE * torch.tensor([[1.0], [1.02], [1.1]], dtype=torch.float64)
     every = plate.frf(theta, lines)
     std = lab.true_std(every[0], 0.01, "mixed")
     measured = lab.measured(lines, every[0], RESPONSE, REFERENCE)
-    here = FrfTarget(measured, told(lab, std, every[0]), torch.zeros(2, 3, dtype=torch.bool))
+    here = FrfTarget(measured, told(lab, std, every[0]), torch.zeros(2, 3, dtype=torch.bool), settings=thinned)
     sharp = here.levels - 1
     assert torch.equal(here.predict(plate, theta, sharp), here.predict(plate, theta))
     assert here.predict(plate, theta).shape[1] == 801
     assert here.smoothing.every == 2
-    monkeypatch.setattr(smoothing, "LEAST_SMOOTHED", 801)
-    whole = FrfTarget(measured, told(lab, std, every[0]), torch.zeros(2, 3, dtype=torch.bool))
+    whole = FrfTarget(measured, told(lab, std, every[0]), torch.zeros(2, 3, dtype=torch.bool), settings=all_lines)
     for level in range(sharp):
         found = here.predict(plate, theta, level)
         assert torch.allclose(found, every[:, ::2], rtol=1e-9)

@@ -5,8 +5,9 @@ import math
 import pytest
 import torch
 
-from torchplate.diagnosis.fit import Problem, fit
+from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.problem import Problem
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.tolerance import with_tolerances
 from torchplate.effects import CATALOGUE

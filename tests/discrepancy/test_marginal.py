@@ -3,8 +3,10 @@
 import pytest
 import torch
 
-from torchplate.discrepancy.marginal import Judged, Knowledge, Marginal
-from torchplate.discrepancy.nuisance import Nuisances, SecondOrder
+from torchplate.discrepancy.judged import Judged, Knowledge
+from torchplate.discrepancy.marginal import Marginal
+from torchplate.discrepancy.nuisance import Nuisances
+from torchplate.discrepancy.second_order import SecondOrder
 
 SHAPE = (9, 2, 3)
 

@@ -5,7 +5,8 @@ import math
 import pytest
 import torch
 
-from torchplate.discrepancy.marginal import Knowledge, Marginal
+from torchplate.discrepancy.judged import Knowledge
+from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.nuisance import nuisances
 from torchplate.discrepancy.wandering import UNIFORM, Found, Wandering, terms, wandered
 from torchplate.effects import CATALOGUE

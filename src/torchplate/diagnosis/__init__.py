@@ -1,19 +1,21 @@
 """Where simulation and measurement disagree, which effect is missing, and the gap once it is added.
 
-- `settings`: what is taken for granted, with its reasons.
+- `flow`: the steps; `settings`: what is taken for granted, with its reasons.
 - `candidates`: what may be missing; `selection`: which of it is added.
 - `table`: the same for a table of natural frequencies, where every hypothesis can be weighed.
 - `holdout`: the FRFs that no fit sees; `tolerance`: numbers that are known as well as a ruler knows them.
 - `target`: what the models are held against, and residuals from wide to sharp; `smoothing`: of the wide ones.
 - `model_builder`: one mesh for all models, its error taken off, and bases that are right where they are used.
-- `fit`: the refit of one hypothesis; `basins`: where it begins when nothing is known.
-- `localise`: where the misfit sits: in frequency, in the channels, on the plate, and of which kind it is.
+- `fit`: the refit of one hypothesis; `problem`: its residuals, and the ways down; `judged`: it beside noise and
+  nuisances; `basins`: where it begins when nothing is known.
+- `localisation`: where the misfit sits: in frequency, in the channels, on the plate, and of which kind it is.
 - `assurance`: FRAC, CSAC, CSF and FDAC of what was measured with a model.
 - `next_measurement`: the cheapest measurement that would part equivalents.
-- `summary`: what is said of all this; `result`: the object that holds it.
+- `summary`: what is said of all this; `naming`: of an effect that is named; `remarks`: of what is missing still;
+  `result`: the object that holds it all.
 """
 
+from torchplate.diagnosis.flow import diagnose
 from torchplate.diagnosis.result import Diagnosis
-from torchplate.diagnosis.selection.forward import diagnose
 
 __all__ = ["Diagnosis", "diagnose"]

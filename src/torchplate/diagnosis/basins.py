@@ -11,17 +11,12 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.fit import Fit, Prior, Problem, fit, widely
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.problem import Prior, Problem, widely
 from torchplate.diagnosis.selection.criterion import is_noise
 from torchplate.model import PlateModel
-
-# Members spread over the box; those that go down from there; and basins that are fitted to their end.
-N_SPREAD, N_DESCEND, N_BASIN = 96, 12, 4
-# Ends of the wide levels that lie nearer on the unit cube are one basin.
-SAME = 0.05
-# A basin that leaves so many times as much as the best so far is not followed to its end.
-HOPELESS = 4.0
 
 
 def fit_from_the_box(
@@ -46,7 +41,7 @@ def fit_from_the_box(
         return fit(builder, model, first, prior, wide=False)
     found: Fit | None = None
     for basin in _basins(builder, model, prior, first, list(range(n)) if free is None else free):
-        limit = math.inf if found is None else HOPELESS * found.square
+        limit = math.inf if found is None else builder.target.settings.searching.hopeless * found.square
         ended = fit(builder, model, basin[None], prior, wide=False, hopeless=limit)
         found = ended if found is None or ended.cost < found.cost else found
         if is_noise(found):
@@ -59,25 +54,26 @@ def _basins(
     builder: ModelBuilder, model: PlateModel, prior: Prior, first: Float[Tensor, "n_start n"], free: list[int]
 ) -> list[Float[Tensor, " n"]]:
     """Where members spread over the box end at the wide levels, the best first, each basin once."""
-    members = torch.cat([first, _spread(model, prior, first[0], free)])
+    settings = builder.target.settings.searching
+    members = torch.cat([first, _spread(model, prior, first[0], free, settings.n_spread)])
     theta = model.space.to_si(first[0])
     problem = Problem(builder, builder.reduced(builder.corrected(model, theta).model, theta[None]), prior)
     value = problem.residual(members, 0).square().sum(-1)
-    ends = members[value.argsort()[:N_DESCEND]]
-    ends, _ = widely(problem, ends, keep=N_DESCEND // 2)
+    ends = members[value.argsort()[: settings.n_descend]]
+    ends, _ = widely(problem, ends, keep=settings.n_descend // 2)
     basins: list[Tensor] = []
     for end in ends:
-        if all(float((end - other).abs().max()) > SAME for other in basins):
+        if all(float((end - other).abs().max()) > settings.same for other in basins):
             basins.append(end)
-    return basins[:N_BASIN]
+    return basins[: settings.n_basin]
 
 
 def _spread(
-    model: PlateModel, prior: Prior, first: Float[Tensor, " n"], free: list[int]
+    model: PlateModel, prior: Prior, first: Float[Tensor, " n"], free: list[int], n: int
 ) -> Float[Tensor, "n_member n"]:
     """Members spread over the box; where something is known of a parameter beforehand, over what that says."""
-    spread = first.repeat(N_SPREAD, 1)
-    sobol = SobolEngine(len(free)).draw(N_SPREAD, dtype=torch.float64).to(first)
+    spread = first.repeat(n, 1)
+    sobol = SobolEngine(len(free)).draw(n, dtype=torch.float64).to(first)
     spread[:, free] = sobol
     theta = model.space.to_si(spread)
     for column, index in enumerate(free):

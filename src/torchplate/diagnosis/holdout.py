@@ -10,10 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-PART = 0.2
-LEAST = 3
-# A held-out FRF whose misfit is so many times the median's is exchanged: what ails it alone must be seen to be found.
-OUTLIER = 4.0
+from torchplate.diagnosis.settings import SETTINGS
 
 
 def held_out(measured: Bool[Tensor, "n_response n_reference"], seed: int = 0) -> Bool[Tensor, "n_response n_reference"]:
@@ -25,9 +22,9 @@ def held_out(measured: Bool[Tensor, "n_response n_reference"], seed: int = 0) ->
     """
     heldout = torch.zeros_like(measured)
     pairs = measured.nonzero()
-    if len(pairs) < LEAST:
+    if len(pairs) < SETTINGS.holding_out.few:
         return heldout
-    wanted = max(1, math.floor(PART * len(pairs)))
+    wanted = max(1, math.floor(SETTINGS.holding_out.part * len(pairs)))
     generator = torch.Generator().manual_seed(seed)
     for j, k in pairs[torch.randperm(len(pairs), generator=generator)].tolist():
         if int(heldout.sum()) == wanted:
@@ -55,7 +52,7 @@ def exchanged(
         misfit: mean square of the residuals of each over their variance, at the baseline.
     """
     middle = float(misfit[measured].median())
-    odd = heldout & (misfit > OUTLIER * middle)
+    odd = heldout & (misfit > SETTINGS.holding_out.outlier * middle)
     if not bool(odd.any()):
         return heldout
     chosen = heldout & ~odd
@@ -77,7 +74,7 @@ def outliers(
         measured: which FRFs there are.
         misfit: mean square of the residuals of each over their variance, at the baseline.
     """
-    if int(measured.sum()) < LEAST:
+    if int(measured.sum()) < SETTINGS.holding_out.few:
         return torch.zeros_like(measured)
-    odd = measured & (misfit > OUTLIER * misfit[measured].median())
-    return odd if int(odd.sum()) <= int(measured.sum()) / 3 else torch.zeros_like(measured)
+    odd = measured & (misfit > SETTINGS.holding_out.outlier * misfit[measured].median())
+    return odd if int(odd.sum()) <= int(measured.sum()) / SETTINGS.holding_out.one_in else torch.zeros_like(measured)

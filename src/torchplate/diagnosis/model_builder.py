@@ -7,7 +7,6 @@ that are refitted get a basis of their own, from the modes where they start and 
 import copy
 import dataclasses
 import math
-from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -15,38 +14,12 @@ from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.held_edges import held_again, held_edges, on_springs
+from torchplate.diagnosis.settings import Fineness
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.model import PlateModel
 from torchplate.model.extrapolation import Extrapolated, extrapolate, on_mesh
 from torchplate.model.reduced_basis import ritz_basis
 from torchplate.plate import Assembly, Mesh
-
-# Modes kept, in multiples of the band's end; and those whose mesh error is taken off: what higher ones leave of theirs
-# is of the second order in the size of the elements, and shows between resonances.
-MARGIN, CORRECTED = 3.0, 5.0
-
-
-class Fineness(NamedTuple):
-    """A mesh, and what is left of its error once that is extrapolated.
-
-    Attributes:
-        least: elements, at least; the mesh twice as fine is used for the extrapolation alone.
-        part: of a natural frequency's mesh error that is left [-].
-        shift: of a natural frequency that is left in any case, relative [-].
-        shape: of `target.SHAPE` that is left [-].
-        place: by which lines of equal deflection are off, in sides of an element [-].
-    """
-
-    least: int
-    part: float
-    shift: float
-    shape: float
-    place: float
-
-
-# Where effects are looked for; and where the last model is settled.
-# What is left is of the second order in an element's side, and a deflection over its slope is a place.
-SEARCHING, SETTLING = Fineness(256, 0.02, 3e-5, 1.0, 2.5e-3), Fineness(576, 0.01, 1e-5, 0.5, 1.7e-3)
 
 
 class ModelBuilder:
@@ -57,17 +30,18 @@ class ModelBuilder:
         target: what it is held against.
         as_given: on the mesh as it is, with its error; else on a finer one whose error is taken off, held edges on
             springs.
-        fineness: of that mesh.
+        fineness: of that mesh; left out, that where effects are looked for.
     """
 
     def __init__(
-        self, model: PlateModel, target: FrfTarget, as_given: bool = False, fineness: Fineness = SEARCHING
+        self, model: PlateModel, target: FrfTarget, as_given: bool = False, fineness: Fineness | None = None
     ) -> None:
-        self.target, self.as_given, self.fineness = target, as_given, fineness
+        self.target, self.as_given = target, as_given
+        self.fineness = fineness or target.settings.meshes.searching
         self._count = [0]
         self.held, self.plain = held_edges(model), model
         model = model if as_given else on_springs(model)
-        self.mesh = model.mesh if as_given else working_mesh(model.mesh, fineness.least)
+        self.mesh = model.mesh if as_given else working_mesh(model.mesh, self.fineness.least)
         self._assembly = Assembly(self.mesh, dense=False).to(model.known)
         self._finer: Assembly | None = None
         self._known: list[Extrapolated] = []
@@ -101,7 +75,8 @@ class ModelBuilder:
             if self._finer is None:
                 finer = dataclasses.replace(self.mesh, refine=2 * self.mesh.refine)
                 self._finer = Assembly(finer, dense=False).to(model.known)
-            self._known[:] = [extrapolate(plain, self.top or None, theta, self._finer, CORRECTED)]
+            modes = self.target.settings.meshes.corrected
+            self._known[:] = [extrapolate(plain, self.top or None, theta, self._finer, modes)]
         found = self._known[0]
         return found._replace(model=on_mesh(plain, found.model.assembly))
 
@@ -115,7 +90,8 @@ class ModelBuilder:
         self, model: PlateModel, members: Float[Tensor, "n_member n_parameter"], by_element: bool | None = None
     ) -> PlateModel:
         """A model in the modes of some of its members, and the static residual of the higher ones."""
-        basis = ritz_basis(model, members, torch.tensor([self.top]).to(model.known), 0, MARGIN)
+        margin = self.target.settings.meshes.margin
+        basis = ritz_basis(model, members, torch.tensor([self.top]).to(model.known), 0, margin)
         if by_element is None:
             return model.projected(basis)
         return on_mesh(model, Assembly(self.mesh, basis, by_element, model.assembly.correction))

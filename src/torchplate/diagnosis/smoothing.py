@@ -12,14 +12,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-# Half-widths of the kernel, relative to the frequency, from the widest level to the narrowest.
-WIDTHS = (0.05, 0.02, 0.007)
-# Lines of a smoothed spectrum for each half-width.
-PER_WIDTH = 1.3
-# Every how many-th line is smoothed, so that there are no fewer than this.
-LEAST_SMOOTHED = 350
-# The level around a line is taken over this part of its frequency on either side.
-AROUND = 0.08
+from torchplate.diagnosis.settings import WideLevels
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +22,17 @@ class Smoothing:
     Attributes:
         frequency: lines [Hz].
         power: |H|² of the measured FRFs.
+        settings: of the wide levels.
     """
 
     frequency: Float[Tensor, " n_frequency"]
     power: Float[Tensor, "n_frequency n_response n_reference"]
+    settings: WideLevels
 
     @functools.cached_property
     def every(self) -> int:
         """Of how many lines one is smoothed."""
-        return max(1, len(self.frequency) // LEAST_SMOOTHED)
+        return max(1, len(self.frequency) // self.settings.least)
 
     @functools.cached_property
     def filters(self) -> tuple[Complex[Tensor, "n_smooth n_kept"], ...]:
@@ -45,12 +40,12 @@ class Smoothing:
         kept = self.frequency[:: self.every]
         # As large as with all lines: a signal that is smoothed grows by the root of their number.
         more = self.every**0.5
-        return tuple(more * _kernel(kept, _centres(kept, width), width) for width in WIDTHS)
+        return tuple(more * _kernel(kept, self._centres(kept, width), width) for width in self.settings.widths)
 
     @functools.cached_property
     def scales(self) -> tuple[Float[Tensor, "n_kept n_response n_reference"], ...]:
         """One over the smoothed size of each FRF for each width: so that every band weighs alike."""
-        return tuple(self._scale(width) for width in WIDTHS)
+        return tuple(self._scale(width) for width in self.settings.widths)
 
     def _scale(self, width: float) -> Float[Tensor, "n_kept n_response n_reference"]:
         kernel = _kernel(self.frequency, self.frequency, width)
@@ -62,20 +57,20 @@ class Smoothing:
     def around(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
         """Mean square of each FRF around each line."""
         step = self.frequency.diff().median() if len(self.frequency) > 1 else self.frequency.new_ones(())
-        away = (self.frequency[:, None] - self.frequency) / (AROUND * self.frequency[:, None] + float(step))
+        width = self.settings.around * self.frequency[:, None] + float(step)
+        away = (self.frequency[:, None] - self.frequency) / width
         weight = torch.exp(-0.5 * away.square())
         mean = (weight / weight.sum(-1, keepdim=True)) @ self.power.flatten(1)
         return mean.unflatten(1, self.power.shape[1:])
 
-
-def _centres(frequency: Float[Tensor, " n_frequency"], width: float) -> Float[Tensor, " n_smooth"]:
-    """Lines of a smoothed spectrum [Hz]."""
-    least = float(frequency.diff().min()) if len(frequency) > 1 else 1.0
-    centres, at = [], max(float(frequency[0]), least)
-    while at <= float(frequency[-1]):
-        centres.append(at)
-        at += max(width * at / PER_WIDTH, least)
-    return torch.tensor(centres).to(frequency)
+    def _centres(self, frequency: Float[Tensor, " n_frequency"], width: float) -> Float[Tensor, " n_smooth"]:
+        """Lines of a smoothed spectrum [Hz]."""
+        least = float(frequency.diff().min()) if len(frequency) > 1 else 1.0
+        centres, at = [], max(float(frequency[0]), least)
+        while at <= float(frequency[-1]):
+            centres.append(at)
+            at += max(width * at / self.settings.per_width, least)
+        return torch.tensor(centres).to(frequency)
 
 
 def _kernel(

@@ -10,14 +10,14 @@ the minimum is that of the sharp level where the model is right.
 import functools
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from torchplate.diagnosis.settings import DiagnosisSettings
-from torchplate.diagnosis.smoothing import WIDTHS, Smoothing
+from torchplate.diagnosis.settings import SETTINGS, DiagnosisSettings
+from torchplate.diagnosis.smoothing import Smoothing
 from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.nuisance import nuisances
 from torchplate.discrepancy.wandering import UNIFORM, Found, Wandering
@@ -25,20 +25,6 @@ from torchplate.effects import Effect
 from torchplate.measurement import PERFECT, Imperfections, Measurement
 from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel
-
-# The sharp level comes after the wide ones.
-SHARP = len(WIDTHS)
-# Mean square of the baseline's residuals where the model is doubted.
-DOUBTFUL = 12.0
-# FRFs that are smoothed, at most.
-MOST_MIXED = 10
-# What the basis and the solver leave, relative to the FRF; and what the mesh leaves of the modes' deflections and of
-# the static flexibility, relative to the level around a line: at the low and at the high end of the band.
-ROUNDING = 5e-4
-SHAPE = (4e-4, 1.8e-3)
-
-
-SETTINGS = DiagnosisSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +63,10 @@ class FrfTarget:
     trusts_the_noise: bool = True
     independent: float = 1.0
 
-    levels: ClassVar[int] = SHARP + 1
+    @property
+    def levels(self) -> int:
+        """The wide ones and the sharp one, which comes last."""
+        return len(self.settings.wide.widths) + 1
 
     def _but(self, **changes: Any) -> "FrfTarget":
         """The same but for this."""
@@ -105,18 +94,19 @@ class FrfTarget:
 
         Args:
             shift: standard deviation of ln f of the modes at each line [-].
-            shape: the part of `SHAPE` that this mesh leaves [-].
+            shape: the part of `Meshes.shape` that this mesh leaves [-].
             n_mode: modes in the band.
             place: distance by which this mesh leaves the lines of equal deflection off [m].
         """
-        part = SHAPE[0] + (SHAPE[1] - SHAPE[0]) * (self.frequency / self.frequency[-1])[:, None, None]
+        rounding, (low, high) = self.settings.meshes.rounding, self.settings.meshes.shape
+        part = low + (high - low) * (self.frequency / self.frequency[-1])[:, None, None]
         power = self.measured.abs().square()
-        variance = 0.5 * ((ROUNDING * shape) ** 2 * power + (part * shape).square() * self.smoothing.around)
+        variance = 0.5 * ((rounding * shape) ** 2 * power + (part * shape).square() * self.smoothing.around)
         # Of each mode a frequency and a damping, and a deflection at each FRF.
         n_modal = 2.0 * max(1, n_mode) * (1 + int(self.measurement.measured.sum()))
         return self._but(
             mesh_shift=shift,
-            mesh_left=(place, SHAPE[1] * shape),
+            mesh_left=(place, high * shape),
             model_variance=variance,
             n_mode=max(1, n_mode),
             n_modal=n_modal,
@@ -140,17 +130,18 @@ class FrfTarget:
     @functools.cached_property
     def smoothing(self) -> Smoothing:
         """Of the wide levels."""
-        return Smoothing(self.frequency, self.measured.abs().square())
+        return Smoothing(self.frequency, self.measured.abs().square(), self.settings.wide)
 
     @functools.cached_property
     def _mix(self) -> Complex[Tensor, "n_fitted n_mixed"]:
         """Many FRFs are mixed to a few before they are smoothed: random signs keep what all of them say."""
         count = int(self.fitted.sum())
-        if count <= MOST_MIXED:
+        most = self.settings.wide.most_mixed
+        if count <= most:
             return torch.eye(count).to(self.measured)
         generator = torch.Generator().manual_seed(0)
-        signs = 2.0 * torch.randint(0, 2, (count, MOST_MIXED), generator=generator) - 1
-        return (signs / MOST_MIXED**0.5).to(self.measured)
+        signs = 2.0 * torch.randint(0, 2, (count, most), generator=generator) - 1
+        return (signs / most**0.5).to(self.measured)
 
     def inflated(self, prediction: Tensor) -> "FrfTarget":
         """The same, weighed by what no effect of the catalogue explains, where that is far above the noise.
@@ -165,7 +156,7 @@ class FrfTarget:
         for _ in range(40):
             part = (low * high) ** 0.5
             twin = self._but(trusts_the_noise=False, model_variance=plain + 0.5 * part**2 * self.smoothing.around)
-            above = float((square / twin.variance[..., self.fitted]).mean()) > 2 * DOUBTFUL
+            above = float((square / twin.variance[..., self.fitted]).mean()) > 2 * self.settings.selecting.doubtful
             low, high = (part, high) if above else (low, part)
         independent = min(1.0, self.n_modal / (2 * len(self.frequency) * int(self.fitted.sum())))
         return twin._but(independent=independent)
@@ -217,12 +208,12 @@ class FrfTarget:
 
         At a wide level they are those of the lines that are smoothed.
         """
-        every = self.smoothing.every if level in range(SHARP) else 1
+        every = self.smoothing.every if level in range(self.levels - 1) else 1
         return self._at_level_of(self.measured[::every], model.frf(theta, self.frequency[::every]))
 
     def rearranged(self, prediction: Tensor, model: PlateModel, effect: Effect, level: int) -> Tensor | None:
         """The same FRFs in other places or with other signs: nothing has to be solved."""
-        every = self.smoothing.every if level in range(SHARP) else 1
+        every = self.smoothing.every if level in range(self.levels - 1) else 1
         found = model.rearranged(prediction, effect)
         return None if found is None else self._at_level_of(self.measured[::every], found)
 

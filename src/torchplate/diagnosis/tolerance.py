@@ -11,14 +11,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-from torchplate.diagnosis.fit import Prior
+from torchplate.diagnosis.problem import Prior
+from torchplate.diagnosis.settings import SETTINGS
 from torchplate.effects import AspectRatio
 from torchplate.model import PlateModel, Searched
 
-# How far a number may leave its value, in standard deviations.
-REACH = 5.0
-# What must stay above zero stays above this part of itself.
-LEAST = 0.1
 SIDES = "sides"
 MESH = ("mesh.length_x", "mesh.length_y")
 
@@ -67,12 +64,13 @@ def with_tolerances(model: PlateModel, tolerance: Mapping[str, float]) -> Held:
     prior |= {key: (known[key], std) for key, std in own.items()}
     if not prior:
         return Held(model, {})
-    wanted = {}
+    wanted, settings = {}, SETTINGS.searching
     for key, (mean, std) in prior.items():
         label, _, name = key.rpartition(".")
         allowed = effects[label].parameters[name].allowed
-        low = allowed.low + LEAST * mean if allowed.open_low else allowed.low
-        wanted[key] = Searched(max(mean - REACH * std, low), min(mean + REACH * std, allowed.high))
+        low = allowed.low + settings.least * mean if allowed.open_low else allowed.low
+        reach = settings.reach * std
+        wanted[key] = Searched(max(mean - reach, low), min(mean + reach, allowed.high))
     rest = {key: value for key, value in known.items() if key not in wanted}
     # Valleys, as of E h³ and ρ h, are products of powers and as long as what is known lets them be: straight in logs.
     straight = {

@@ -6,9 +6,9 @@
 - `level`, `deviation`: what a measure is made of: the fitted level where readings carry no unit, and residuals.
 - `objective`: the function of theta that a search minimises.
 - `sensitivity`: what a small change of each parameter does to the prediction: uncertainty, and blind directions.
-- `nuisance`: what every test has and nobody wants named, as changes of the FRFs; `wandering`: a plate whose section is
-  not the same everywhere; `marginal`: the likelihood with all that
-  integrated out.
+- `nuisance`: what every test has and nobody wants named, as changes of the FRFs; `modal_change`: by modes;
+  `second_order`: what such a change leaves out; `wandering`: a plate whose section is not the same everywhere.
+- `marginal`: the likelihood with all that integrated out; `judged`: what it says of residuals.
 - `covariance`: from the Jacobian and the noise of every residual to standard errors and correlations.
 - `notation`: a gap in print.
 """

@@ -10,74 +10,19 @@ Identification (2012), for what an analyser, its transducers and their mounting 
 """
 
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from torchplate.discrepancy.modal_change import Modal, by_modes, of_mode, sum_of_modes, through_matrices
+from torchplate.discrepancy.second_order import SecondOrder
 from torchplate.discrepancy.wandering import Elements, Wandering, terms
 from torchplate.measurement import Imperfections
 from torchplate.model import PlateModel
-from torchplate.model.frf import as_kind, laplace_lines, modal_denominator
-from torchplate.model.modes import solve_modes
+from torchplate.model.frf import as_kind, laplace_lines
 from torchplate.plate import Plan
-
-# Modes up to this multiple of the band's end are followed where the plate changes: higher ones answer as a spring does.
-REACH = 1.6
-
-
-class SecondOrder(NamedTuple):
-    """What the first order leaves out where modes move by more than their width.
-
-    Attributes:
-        moving: standard deviation of each mode's eigenvalue by each group [rad²/s²].
-        damped: that of the damping of all modes, relative [-].
-        kappa: what λ is times in the denominator, its absolute value.
-        damping: the part of the denominator that damps, likewise.
-        width: the denominator itself, likewise.
-        pairs: squared products of deflections at responses and references.
-        places: what places off by one standard deviation add to the mean square of receptances.
-        factor: from receptances to readings, squared.
-        reading: which pair is read under each label; None for its own.
-        moves: change of each mode's eigenvalue by each term of a wandering section [rad²/s²].
-    """
-
-    moving: Mapping[str, Float[Tensor, " n_mode"]]
-    damped: float
-    kappa: Float[Tensor, "n_frequency n_mode"]
-    damping: Float[Tensor, "n_frequency n_mode"]
-    width: Float[Tensor, "n_frequency n_mode"]
-    pairs: Float[Tensor, "n_pair n_mode"]
-    places: Float[Tensor, "n_frequency n_response n_reference"]
-    factor: Float[Tensor, "n_frequency n_response n_reference"]
-    reading: Tensor | None = None
-    moves: Float[Tensor, "n_mode n_wander"] | None = None
-
-    def widths(self, shift: Float[Tensor, " n_wander"]) -> float:
-        """How far a wandering section moves the mode that it moves farthest, in widths of that mode's peak [-].
-
-        Args:
-            shift: of its terms, in standard deviations.
-        """
-        if self.moves is None or not shift.numel():
-            return 0.0
-        return float(((self.moves @ shift).abs() * (self.kappa / self.width).amax(0)).max())
-
-    def variance(self, scale: Mapping[str, float]) -> Float[Tensor, "n_frequency n_response n_reference"]:
-        """Variance of the real and of the imaginary part.
-
-        Args:
-            scale: what each group is times what was said of it; 1 where it is left out.
-        """
-        square = sum((scale.get(name, 1.0) * part).square() for name, part in self.moving.items())
-        q = torch.as_tensor(square).to(self.width).sqrt() * self.kappa / self.width
-        d = scale.get("damping_scatter", 1.0) * self.damped * self.damping / self.width
-        share = (q.square() / (1 + q)).square() + (d.square() / (1 + d)).square()
-        found = ((0.5 * share / self.width.square()) @ self.pairs.mT).unflatten(-1, self.factor.shape[1:])
-        found = (found + 0.5 * scale.get("position_std", 1.0) ** 4 * self.places) * self.factor
-        return found if self.reading is None else found.flatten(-2)[..., self.reading]
 
 
 class Nuisances(NamedTuple):
@@ -98,30 +43,6 @@ class Nuisances(NamedTuple):
     group: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
     second_order: SecondOrder
     n_wander: int = 0
-
-
-class _Modal(NamedTuple):
-    """A model's reading taken apart into modes.
-
-    Attributes:
-        eigenvalue: λ [rad²/s²].
-        shape: Φ, over the rows of the model's matrices.
-        kappa: what λ is times in the denominator.
-        damping: the part of the denominator that damps [rad²/s²].
-        denominator: z.
-        left: Φ at the responses.
-        right: at the references.
-        n_low: modes that a change of the plate is followed through.
-    """
-
-    eigenvalue: Float[Tensor, " n_mode"]
-    shape: Float[Tensor, "n n_mode"]
-    kappa: Complex[Tensor, "n_frequency n_mode"]
-    damping: Complex[Tensor, "n_frequency n_mode"]
-    denominator: Complex[Tensor, "n_frequency n_mode"]
-    left: Float[Tensor, "n_response n_mode"]
-    right: Float[Tensor, "n_reference n_mode"]
-    n_low: int
 
 
 @torch.no_grad()
@@ -152,9 +73,9 @@ def nuisances(
     plan = model.plan(theta)
     response, reference, kind = model._points(None, None, None)
     chain = model._chain(theta, plan, laplace_lines(frequency.to(theta), 0.0), response, reference)
-    modal = _modal(model, plan, chain.laplace, chain.response, reference)
+    modal = by_modes(model, plan, chain.laplace, chain.response, reference)
     to_reading = _Reading(chain, kind, chain.factor.shape[-2:])
-    reading = as_kind(_sum(modal, modal.left, modal.right), chain, kind)
+    reading = as_kind(sum_of_modes(modal, modal.left, modal.right), chain, kind)
     n_response, n_reference = reading.shape[-2:]
     top = (2 * math.pi * 1.1 * float(frequency[-1])) ** 2
     near = torch.nonzero(modal.eigenvalue < top).flatten()
@@ -167,10 +88,10 @@ def nuisances(
         for one in terms(model, plan, wandering)
     ]
     for name, stiffness, mass in wander:
-        common.append((name, to_reading(_through(modal, stiffness, mass, chain.laplace))))
+        common.append((name, to_reading(through_matrices(modal, stiffness, mass, chain.laplace))))
     damped = imperfections.std("damping_scatter")
     if damped > 0:
-        common += [("damping_scatter", to_reading(damped * _of_mode(modal, m, modal.damping[:, m]))) for m in near]
+        common += [("damping_scatter", to_reading(damped * of_mode(modal, m, modal.damping[:, m]))) for m in near]
     at = torch.searchsorted(
         frequency.to(theta).contiguous(), modal.eigenvalue[elastic].clamp(min=0).sqrt() / (2 * math.pi)
     )
@@ -178,7 +99,7 @@ def nuisances(
     for m, one in zip(elastic, shift, strict=True):
         if float(one) > 0:
             moved = 2 * one * modal.eigenvalue[m] * modal.kappa[:, m]
-            common.append(("mesh", to_reading(_of_mode(modal, m, moved))))
+            common.append(("mesh", to_reading(of_mode(modal, m, moved))))
     off = imperfections.std("position_std")
     if off > 0:
         common += [
@@ -192,10 +113,10 @@ def nuisances(
     group, far = ("position_std", off) if off > mesh[0] else ("mesh", mesh[0])
     for side, order in zip(sides, ((1, 0), (0, 1)), strict=True) if far > 0 else ():
         rows = model.assembly.rows(model.mesh.deflection_at(chain.response, *order)) @ modal.shape
-        own.append((group, to_reading(far / side * _sum(modal, rows, modal.right))))
+        own.append((group, to_reading(far / side * sum_of_modes(modal, rows, modal.right))))
         if reference is not None:
             rows = model.assembly.rows(model.mesh.deflection_at(reference, *order)) @ modal.shape
-            other.append((group, to_reading(far / side * _sum(modal, modal.left, rows))))
+            other.append((group, to_reading(far / side * sum_of_modes(modal, modal.left, rows))))
     level = imperfections.std("calibration_std")
     group, level = ("calibration_std", level) if level > mesh[1] else ("mesh", mesh[1])
     if level > 0:
@@ -206,7 +127,7 @@ def nuisances(
     if drift > 0 and max(n_response, n_reference) > 1:
         # What moves from record to record is what there is more of.
         moved = 2 * drift * modal.eigenvalue * modal.kappa
-        change = to_reading(-_sum(modal, modal.left, modal.right, moved / modal.denominator))
+        change = to_reading(-sum_of_modes(modal, modal.left, modal.right, moved / modal.denominator))
         (other if n_reference >= n_response else own).append(("frequency_drift", change))
 
     nothing = torch.zeros_like(modal.eigenvalue)
@@ -260,59 +181,8 @@ def _stacked(parts: list[Tensor], like: Tensor) -> Tensor:
     return torch.stack(parts, dim=-1) if parts else like.new_zeros(*like.shape, 0)
 
 
-def _modal(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, reference: Tensor | None) -> _Modal:
-    system = model.assembly.system(*plan)
-    eigenvalue, shape = solve_modes(system.stiffness, system.mass)
-    real, imaginary = modal_denominator(eigenvalue, system.proportional, laplace)
-    denominator = torch.complex(real, imaginary)
-    if len(system.viscous):
-        own = (system.viscous[:, None] * (system.dashpot @ shape).square()).sum(0)
-        denominator = denominator + laplace[:, None] * own
-    if system.hysteretic is not None:
-        denominator = denominator + 1j * (shape * (system.hysteretic @ shape)).sum(0)
-    plain = eigenvalue + laplace[:, None].square()
-    kappa, _ = system.proportional.at(laplace)
-    left = model.assembly.rows(model.mesh.deflection_at(response)) @ shape
-    right = model.excitation(plan, reference) @ shape
-    n_low = int((eigenvalue < (REACH * float(laplace.imag.max())) ** 2).sum())
-    kappa = kappa[:, None].expand_as(denominator)
-    return _Modal(eigenvalue, shape, kappa, denominator - plain, denominator, left, right, n_low)
-
-
-def _sum(modal: _Modal, left: Tensor, right: Tensor, weight: Tensor | None = None) -> Tensor:
-    """Σ_m l_m r_m weight_m / z_m at every line, for all pairs of rows."""
-    inverse = (1 if weight is None else weight) / modal.denominator
-    pairs = (left[:, None] * right[None]).flatten(0, 1)
-    return (inverse @ pairs.mT.to(inverse)).unflatten(-1, (len(left), len(right)))
-
-
-def _of_mode(modal: _Modal, m: Tensor, change: Tensor) -> Tensor:
-    """What a change of one mode's denominator does to the receptances."""
-    outer = modal.left[:, m, None] * modal.right[None, :, m]
-    return -(change / modal.denominator[:, m].square())[:, None, None] * outer
-
-
-def _through(modal: _Modal, stiffness: Tensor, mass: Tensor, laplace: Tensor) -> Tensor:
-    """What changes of stiffness and mass, in modal coordinates, do to the receptances."""
-    n_line = len(laplace)
-    n_low = modal.n_low
-    inverse = 1 / modal.denominator[:, None, :n_low]
-    left, right = modal.left[None, :, :n_low] * inverse, modal.right[None, :, :n_low] * inverse
-    fewer, more, swapped = (left, right, False) if left.shape[1] <= right.shape[1] else (right, left, True)
-    kappa, square = modal.kappa[:, :1, None], laplace.square()[:, None, None]
-    flat = fewer.reshape(-1, fewer.shape[-1])
-    parts = [_times(flat, one).unflatten(0, (n_line, -1)) for one in (stiffness, mass)]
-    change = -((kappa * parts[0] + square * parts[1]) @ more.mT)
-    return change.mT if swapped else change
-
-
-def _times(complex_rows: Tensor, real: Tensor) -> Tensor:
-    """Complex rows times a real matrix."""
-    return torch.complex(complex_rows.real @ real, complex_rows.imag @ real)
-
-
 def _places_again(
-    model: PlateModel, modal: _Modal, response: Tensor, reference: Tensor | None, off: list[float]
+    model: PlateModel, modal: Modal, response: Tensor, reference: Tensor | None, off: list[float]
 ) -> Float[Tensor, "n_frequency n_response n_reference"]:
     """Mean square of what the second order of places adds to receptances: curvatures, twist, and both ends at once.
 
@@ -327,17 +197,17 @@ def _places_again(
     if not any(off):
         return total
     for order, weight in (((2, 0), 0.75), ((0, 2), 0.75), ((1, 1), 1.0)):
-        total = total + weight * _sum(modal, rows(response, order), modal.right).abs().square()
+        total = total + weight * sum_of_modes(modal, rows(response, order), modal.right).abs().square()
         if reference is not None:
-            total = total + weight * _sum(modal, modal.left, rows(reference, order)).abs().square()
+            total = total + weight * sum_of_modes(modal, modal.left, rows(reference, order)).abs().square()
     if reference is not None:
         for here in ((1, 0), (0, 1)):
             for there in ((1, 0), (0, 1)):
-                total = total + _sum(modal, rows(response, here), rows(reference, there)).abs().square()
+                total = total + sum_of_modes(modal, rows(response, here), rows(reference, there)).abs().square()
     return total
 
 
-def _supports(model: PlateModel, plan: Plan, modal: _Modal, laplace: Tensor, off: float, theta: Tensor) -> list[Tensor]:
+def _supports(model: PlateModel, plan: Plan, modal: Modal, laplace: Tensor, off: float, theta: Tensor) -> list[Tensor]:
     """What it does that springs and dashpots to the ground sit off their marks."""
     found = []
     values = model.values(theta)
@@ -352,8 +222,8 @@ def _supports(model: PlateModel, plan: Plan, modal: _Modal, laplace: Tensor, off
             moved = (
                 model.assembly.rows(model.mesh.deflection_at(place, *order)) @ modal.shape * (off / float(side.mean()))
             )
-            left, left_moved = (_sum(modal, modal.left, some) for some in (rows, moved))
-            right, right_moved = (_sum(modal, some, modal.right) for some in (rows, moved))
+            left, left_moved = (sum_of_modes(modal, modal.left, some) for some in (rows, moved))
+            right, right_moved = (sum_of_modes(modal, some, modal.right) for some in (rows, moved))
             for k in range(len(points)):
                 outer = left[:, :, k, None] * right_moved[:, None, k] + left_moved[:, :, k, None] * right[:, None, k]
                 found.append(-strength[:, None, None] * outer)

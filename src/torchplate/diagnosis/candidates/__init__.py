@@ -1,6 +1,7 @@
 """What may be missing.
 
-- `candidate`: every effect of the catalogue, with its options, places and sizes to try.
+- `catalogue`: every effect of the catalogue, as one or several candidates.
+- `candidate`: what one of them is; `trials`: the places, sizes and values at which it is tried.
 - `channels`: which channels may be exchanged or turned.
 - `held_edges`: edges on springs that may yield.
 - `supports`: what is grounded at a place, taken for a support.

@@ -11,8 +11,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-# Exchanges and turns that are followed: what these promise, a further one promises less of.
-N_FOLLOWED = 8
+from torchplate.diagnosis.settings import SETTINGS
 
 
 class Channels(NamedTuple):
@@ -58,6 +57,7 @@ def rearrangements(
         weight: 1/σ²; 0 where an FRF was not measured.
     """
     references = channels.reference or (None,)
+    n = SETTINGS.screening.n_rearranged
     found: list[tuple[float, tuple[Any, Any]]] = []
     n_swap = 0
     for side, labels in ((1, channels.response), (2, channels.reference)):
@@ -69,7 +69,7 @@ def rearrangements(
             named = tuple((one, None) if side == 1 else (None, one) for one in pair)
             found.append((float(fall[a, b]), named))  # type: ignore[arg-type]
     found.sort(key=lambda one: -one[0])
-    swap = tuple({"channels": pair} for _, pair in found[:N_FOLLOWED])
+    swap = tuple({"channels": pair} for _, pair in found[:n])
 
     each = -4 * (weight * (measured.conj() * predicted).real).sum(0)
     turns: list[tuple[float, tuple[Any, ...]]] = [(float(each.sum()), tuple((one, None) for one in channels.response))]
@@ -83,7 +83,7 @@ def rearrangements(
         ]
     n_polarity = len(turns)
     turns.sort(key=lambda one: -one[0])
-    return Rearrangements(swap, tuple({"channels": one} for _, one in turns[:N_FOLLOWED]), n_swap, n_polarity)
+    return Rearrangements(swap, tuple({"channels": one} for _, one in turns[:n]), n_swap, n_polarity)
 
 
 def _exchanged(

@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import torch
 
+from torchplate.diagnosis.settings import SETTINGS
 from torchplate.effects import CATALOGUE
 from torchplate.model import PlateModel
 from torchplate.plate import Assembly
 
-# Over the upper end of what is searched along a free edge: what is left of the yielding shifts no frequency by 1e-4.
-RIGID = 100.0
 # With blanks, so that no config calls one of its effects so by chance.
 PREFIX = "held edge "
 
@@ -46,7 +45,7 @@ def on_springs(model: PlateModel) -> PlateModel:
     kind = CATALOGUE["edge_spring"]
     plan = model.plan(model.space.to_si(torch.full((len(model.names),), 0.5).to(model.known)))
     rigid = {
-        name: RIGID * parameter.prior_interval(plan.section, plan.geometry).high
+        name: SETTINGS.trials.rigid * parameter.prior_interval(plan.section, plan.geometry).high
         for name, parameter in kind.parameters.items()
     }
     effects, known = dict(model.effects), model.known_values

@@ -6,13 +6,11 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchplate.diagnosis.candidates.candidate import BELIEVED, SLACK, Candidate, Trial
+from torchplate.diagnosis.candidates.candidate import Candidate, Trial
+from torchplate.diagnosis.settings import SETTINGS
 from torchplate.effects import CATALOGUE
 from torchplate.model import PlateModel, Searched
 
-# A place found is taken for a node's or a support's if it is this near to it, relative to the plate, and may be it if
-# it is this near.
-NEAR_NODE, PERHAPS_NODE = 0.012, 0.04
 # By what a support ties the plate to the ground: an effect that does the same by one of them may be a support.
 STRENGTHS = ("stiffness", "viscous_damping")
 
@@ -42,11 +40,12 @@ def supports_at(
         stiffness: to begin with [N/m].
         viscous: likewise [N s/m].
     """
+    settings = SETTINGS.trials
     n_x, n_y = model.mesh.n_x, model.mesh.n_y
     column, row = round(x * n_x), round(y * n_y)
     away = math.hypot(x - column / n_x, y - row / n_y)
-    chosen: list[dict[str, Any]] = [{"nodes": (row * (n_x + 1) + column + 1,)}] if away < PERHAPS_NODE else []
-    chosen += [{"at": ((x, y),)}] if away >= NEAR_NODE else []
+    chosen: list[dict[str, Any]] = [{"nodes": (row * (n_x + 1) + column + 1,)}] if away < settings.perhaps_node else []
+    chosen += [{"at": ((x, y),)}] if away >= settings.near_node else []
     kind = CATALOGUE["support_spring"]
     plan = model.plan(theta)
     wanted, start, middle = {}, {}, {}
@@ -56,7 +55,7 @@ def supports_at(
         start[name] = min(max(value, 1.01 * interval.low), 0.99 * interval.high)
         # What was not there may be anything: next to nothing, and the middle.
         middle[name] = start[name] if value > interval.low else math.sqrt(interval.low * interval.high)
-    trials = tuple(Trial(values, *BELIEVED) for values in (start, middle))
+    trials = tuple(Trial(values, *settings.believed) for values in (start, middle))
     return [Candidate(kind(**options), options, wanted, {}, trials) for options in chosen]
 
 
@@ -70,6 +69,7 @@ def tighter_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: 
         y: likewise.
         stiffness: of the spring [N/m].
     """
+    settings = SETTINGS.trials
     own = [(label, key, point) for label, key, points in _supports(model, "support_spring") for point in points]
     named = [point for _, _, points in _supports(model, "support_asymmetry") for point in points]
     if not own or stiffness <= 0:
@@ -78,16 +78,18 @@ def tighter_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: 
     at = min(range(len(own)), key=lambda index: away[index])
     label, key, point = own[at]
     present = float(model.values(theta)[label]["stiffness"])
-    if away[at] > NEAR_NODE or present <= 0 or any(_away(model, one, x, y) <= NEAR_NODE for one in named):
+    near = settings.near_node
+    if away[at] > near or present <= 0 or any(_away(model, one, x, y) <= near for one in named):
         return None
     options = {key: (point,)}
     effect = CATALOGUE["support_asymmetry"](**options)
     prior = effect.parameters["factor_1"].prior
     assert prior is not None
-    interval = Searched(prior.low, SLACK * prior.high)
+    interval = Searched(prior.low, settings.slack * prior.high)
     start = {"factor_1": min(1 + stiffness / present, interval.high)}
-    candidate = Candidate(effect, options, {"factor_1": interval}, {"factor_1": 1.0}, (Trial(start, *BELIEVED),))
-    return Tighter(candidate, -2 * math.log(min(1.0, len(own) * math.pi * NEAR_NODE**2)))
+    trial = Trial(start, *settings.believed)
+    candidate = Candidate(effect, options, {"factor_1": interval}, {"factor_1": 1.0}, (trial,))
+    return Tighter(candidate, -2 * math.log(min(1.0, len(own) * math.pi * near**2)))
 
 
 def _supports(model: PlateModel, name: str) -> list[tuple[str, str, tuple[Any, ...]]]:

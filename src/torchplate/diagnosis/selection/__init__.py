@@ -1,7 +1,7 @@
 """Which effects are added: scored, refitted, compared, added and removed again.
 
 - `forward`: forward selection with a beam of two: the baseline, then one effect after another.
-- `ranking`: the whole catalogue beside one model: scored, the best refitted.
+- `ranking`: the whole catalogue beside one model: scored, the best refitted; `shortlist`: which these are.
 - `screen`: the score test over all candidates; `null`: what chance alone would give in it.
 - `criterion`: by what hypotheses are compared.
 - `exchange`: exchange and backward elimination, once later effects are known.

@@ -27,10 +27,11 @@ from dataclasses import dataclass
 import torch
 
 from torchplate.diagnosis.candidates.candidate import Candidate, nameable
-from torchplate.diagnosis.fit import Fit
+from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.target import FrfTarget
+from torchplate.discrepancy.wandering import Found
 
-# Precision of a uniform prior on the unit cube.
+# Precision of a uniform prior on the unit cube, one over its variance: nobody chose it.
 UNIFORM = 12.0
 
 
@@ -168,6 +169,11 @@ def is_noise(fit: Fit) -> bool:
 def excessive(fit: Fit) -> dict[str, float]:
     """Groups of nuisances that would have to be larger than tests have them, and how many times what was said."""
     return {name: scale for name, scale in fit.judged.scale.items() if scale > fit.comparison.size_limit}
+
+
+def known_section(fit: Fit) -> Found | None:
+    """How far the section wanders, where that is known: not where it has taken on something else."""
+    return None if excessive(fit) else fit.about
 
 
 def is_needed(before: Fit, after: Hypothesis, by_chance: float = 0.0) -> bool:

@@ -6,18 +6,16 @@ from dataclasses import replace
 
 import torch
 
-from torchplate.diagnosis.candidates.supports import NEAR_NODE, STRENGTHS, supports_at
-from torchplate.diagnosis.fit import Fit, Prior, fit
+from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate, without_candidate
-from torchplate.diagnosis.selection.criterion import Hypothesis, choose, is_needed
+from torchplate.diagnosis.problem import Prior
+from torchplate.diagnosis.selection.criterion import Hypothesis, choose, is_needed, known_section
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.trace import Naming, State
+from torchplate.diagnosis.settings import SETTINGS
 from torchplate.model import PlateModel
-
-# Rivals of an earlier name that are tried in its place.
-N_RIVAL = 4
-# A rival that leaves so many times as much as the last model is not followed to its end.
-HOPELESS = 10.0
 
 
 class Exchange:
@@ -32,6 +30,7 @@ class Exchange:
 
     def __init__(self, builder: ModelBuilder, ranking: Ranking, prior: Prior, say: Callable[[str], None]) -> None:
         self.builder, self.ranking, self.prior, self.say = builder, ranking, prior, say
+        self.settings = builder.target.settings.selecting
 
     def judged_again(self, state: State) -> State:
         """The names that are left where each is judged beside the others, if there are several."""
@@ -59,7 +58,7 @@ class Exchange:
         here = replace(naming.hypothesis, fit=state.fit)
         elsewhere = {one.hypothesis.name for one in state.named}
         near = sorted((one for one in naming.rivals if one.name not in elsewhere), key=lambda one: one.cost)
-        every = [here, *(self._in_place_of(state, naming, one) for one in near[:N_RIVAL])]
+        every = [here, *(self._in_place_of(state, naming, one) for one in near[: self.settings.n_rival])]
         choice = choose(every, naming.before)
         if choice.best.candidate.effect.to_ground:
             best = choice.best
@@ -95,8 +94,9 @@ class Exchange:
         # From where the rest is now, and from where the rival had it.
         starts = [[values[name] for name in model.names] for values in (then | now, now | then)]
         start = model.space.to_cube(torch.tensor(starts).to(state.fit.theta)).clamp(1e-3, 1 - 1e-3)
-        limit = HOPELESS * state.fit.square
-        found = fit(self.builder, model, start, self.prior, wide=False, hopeless=limit)
+        limit = self.settings.hopeless_rival * state.fit.square
+        about = known_section(state.fit)
+        found = fit(self.builder, model, start, self.prior, wide=False, hopeless=limit, about=about)
         self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
         return replace(rival, fit=found)
 
@@ -105,7 +105,7 @@ class Exchange:
         pair = {key: one for one in state.named if (key := one.hypothesis.candidate.effect.to_ground)}
         values = state.model.as_dict(state.fit.theta)
         places = [[values[f"{one.hypothesis.label}.{key}"] for key in ("x", "y")] for one in pair.values()]
-        if len(pair) < len(STRENGTHS) or math.dist(*places) > NEAR_NODE:
+        if len(pair) < len(STRENGTHS) or math.dist(*places) > SETTINGS.trials.near_node:
             return state
         spring, dashpot = (pair[key] for key in STRENGTHS)
         alone = self._without(self._without(state, dashpot), spring)
@@ -143,7 +143,8 @@ class Exchange:
             label = naming.hypothesis.label
             model = without_candidate(state.model, label, naming.hypothesis.candidate)
             kept = [state.model.names.index(name) for name in model.names]
-            found: Fit = fit(builder, model, model.space.to_cube(state.fit.theta[kept])[None], self.prior, wide=False)
+            start = model.space.to_cube(state.fit.theta[kept])[None]
+            found: Fit = fit(builder, model, start, self.prior, wide=False, about=known_section(state.fit))
             back = replace(naming.hypothesis, fit=state.fit)
             if not is_needed(found, back, naming.by_chance):
                 self.say(f"{naming.hypothesis.name} is no longer needed")

@@ -5,7 +5,6 @@ most promising, name the best with its equivalents, add it; where one alone does
 two. In the end each name is judged again beside the others.
 """
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -14,114 +13,29 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.basins import N_SPREAD, fit_from_the_box
-from torchplate.diagnosis.candidates.candidate import channels_of
-from torchplate.diagnosis.fit import Fit, Prior, Problem, fit, judged_at
-from torchplate.diagnosis.holdout import exchanged, held_out, outliers
-from torchplate.diagnosis.model_builder import SETTLING, ModelBuilder, with_candidate
-from torchplate.diagnosis.result import Diagnosis
-from torchplate.diagnosis.selection.criterion import Choice, Hypothesis, choose, is_explained, is_needed, is_noise
+from torchplate.diagnosis.basins import fit_from_the_box
+from torchplate.diagnosis.candidates.catalogue import channels_of
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.holdout import exchanged, outliers
+from torchplate.diagnosis.judged import Fit, judged_at
+from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
+from torchplate.diagnosis.problem import Prior, Problem
+from torchplate.diagnosis.selection.criterion import (
+    Choice,
+    Hypothesis,
+    choose,
+    is_explained,
+    is_needed,
+    is_noise,
+    known_section,
+)
 from torchplate.diagnosis.selection.exchange import Exchange
 from torchplate.diagnosis.selection.ranking import Ranking
-from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
-from torchplate.diagnosis.summary import summarise
-from torchplate.diagnosis.table import diagnose_table
-from torchplate.diagnosis.target import SETTINGS, FrfTarget
+from torchplate.diagnosis.selection.trace import Naming, Ranked, State
+from torchplate.diagnosis.settings import Selecting
+from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.tolerance import with_tolerances
-from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies
-from torchplate.measurement.noise import noise_level
 from torchplate.model import PlateModel
-
-# Signs of FRFs are turned round for the baseline where that leaves this part of the sum of squares, or less.
-TURNED = 0.5
-# Hypotheses from which the next effect is looked for where one alone does not explain the data.
-N_BEAM = 2
-# A baseline that ends lower by this part than it did had stopped too soon.
-LEAST_PART = 0.04
-# Where noise alone is not reached, an effect is named if it leaves at most this part of what spoke against the model,
-# and of the gap.
-LARGE_PART, SEEN_PART = 0.5, 0.9
-# A second effect is looked for beside one that leaves at most this part of the gap, or of what spoke against the model,
-# more where it has no number to be fitted; and beside the second best too, if no more than so many times as much speaks
-# against it.
-SMALLER_GAP, SMALLER_COST, SMALLER_COST_WITHOUT_NUMBER, BESIDE = 0.75, 0.5, 0.75, 2.0
-# Nothing is looked for beside the second best once so many members were evaluated: it seldom is worth as long again.
-ENOUGH = 9000
-# A pair that leaves at most this part of what its first effect alone does is judged again before others are looked for.
-MUCH_LESS = 0.1
-# Mean square up to which the mesh may be what is left; and gaps, in noise floors, below which what closed them may have
-# been the mesh.
-PERHAPS_MESH, SMALL_GAP = 12.0, 3.0
-# Mean square of what is left beyond which the model as such is doubted, where there are fewer FRFs than this: several
-# FRFs say plainly that nothing of the catalogue explains them, one or two do not.
-FAR_OFF, FEW = 20.0, 3
-
-
-@torch.no_grad()
-def diagnose(
-    model: PlateModel,
-    measurement: Measurement | None = None,
-    natural_frequencies: NaturalFrequencies | None = None,
-    *,
-    tolerance: Mapping[str, float] | None = None,
-    n_average: int | None = None,
-    gain_is_unknown: bool = False,
-    imperfections: Imperfections | None = None,
-    most_effects: int = 3,
-    seed: int = 0,
-    say: Callable[[str], None] = lambda _: None,
-) -> Diagnosis:
-    """Find where a model and a measurement disagree, name what is missing, add it, and show the gap shrink.
-
-    Args:
-        model: the model as it is believed; its searched parameters are fitted, its numbers are not.
-        measurement: FRFs; the model's responses and references are theirs.
-        natural_frequencies: a table instead of FRFs.
-        tolerance: how well numbers are known: "label.parameter", "mesh.length_x" → standard deviation in SI units.
-        n_average: records behind each FRF, where known.
-        gain_is_unknown: the level of the FRFs carries no unit.
-        imperfections: what the test is not perfect in; what is not told has the size of a careful test.
-        most_effects: that may be added.
-        seed: of the choice of held-out FRFs.
-        say: is told what is being tried.
-
-    Raises:
-        ValueError: if there is neither a measurement nor a table, or both.
-    """
-    if (measurement is None) == (natural_frequencies is None):
-        raise ValueError("Expected either FRFs or natural frequencies, got both or neither. Give one of them.")
-    if measurement is None:
-        assert natural_frequencies is not None
-        return diagnose_table(model, natural_frequencies, tolerance=tolerance, say=say)
-    began = time.monotonic()
-    noise = noise_level(measurement, n_average)
-    if (step := _step(measurement)) > 1:
-        measurement, noise = measurement.every(step), noise.every(step)
-    target = FrfTarget(
-        measurement, noise, held_out(measurement.measured, seed), gain_is_unknown, imperfections or Imperfections()
-    )
-    selection = ForwardSelection.of(model, target, dict(tolerance or {}), say)
-    baseline = selection.baseline()
-    selection, baseline = selection.robust_baseline(baseline)
-    given = selection.as_given(baseline)
-    state, rankings = selection.add_effects(baseline, most_effects)
-    few = len(measurement.pairs) < FEW
-    if few and state.fit.reduced_misfit > FAR_OFF:
-        selection, baseline = selection.inflated(selection.begun)
-        given = selection.as_given(baseline)
-        state, rankings = selection.add_effects(baseline, most_effects)
-    return summarise(
-        Trace(selection.builder, noise, given, selection.begun, state, tuple(rankings), selection.prior),
-        time.monotonic() - began,
-    )
-
-
-def _step(measurement: Measurement) -> int:
-    """Of how many lines one is looked at."""
-    lines = SETTINGS.lines
-    n = len(measurement.frequency)
-    numbers = 2 * n * len(measurement.pairs)
-    return max(1, min(-(-numbers // lines.most_numbers), n // lines.least))
 
 
 class ForwardSelection:
@@ -135,6 +49,7 @@ class ForwardSelection:
 
     def __init__(self, builder: ModelBuilder, prior: Prior, say: Callable[[str], None]) -> None:
         self.builder, self.prior, self.say = builder, prior, say
+        self.settings = builder.target.settings.selecting
         self.ranking = Ranking(builder, prior, channels_of(builder.given), say)
         self.exchange = Exchange(builder, self.ranking, prior, say)
 
@@ -195,16 +110,15 @@ class ForwardSelection:
         if not len(model.names):
             return baseline
         problem = Problem(self.builder, baseline.fit.reduced, {})
-        n = len(model.names)
-        members = torch.cat(
-            [model.space.to_cube(baseline.fit.theta)[None], SobolEngine(n).draw(N_SPREAD, dtype=torch.float64)]
-        )
+        n = target.settings.searching.n_spread
+        spread = SobolEngine(len(model.names)).draw(n, dtype=torch.float64)
+        members = torch.cat([model.space.to_cube(baseline.fit.theta)[None], spread])
         sign, part = target.signs(problem.predict(model.space.to_si(members), 0))
-        if part > TURNED or bool((sign > 0).all()):
+        if part > self.settings.explains_much or bool((sign > 0).all()):
             return baseline
         turned = self.against(target.turned(sign))
         found = turned.baseline()
-        if found.fit.square > TURNED * baseline.fit.square:
+        if found.fit.square > self.settings.explains_much * baseline.fit.square:
             return baseline
         self.say(f"baseline: fitted beside {int((sign < 0).sum())} FRFs turned round")
         return self.here(found)
@@ -217,7 +131,8 @@ class ForwardSelection:
     def again(self, baseline: State) -> State:
         """The baseline beside this evidence, from where it was."""
         start = baseline.model.space.to_cube(baseline.fit.theta)[None]
-        return State(baseline.model, fit(self.builder, baseline.model, start, self.prior, wide=False))
+        about = known_section(baseline.fit)
+        return State(baseline.model, fit(self.builder, baseline.model, start, self.prior, wide=False, about=about))
 
     def inflated(self, baseline: State) -> tuple["ForwardSelection", State]:
         """The baseline again, where what is left is far above the noise, weighed by what the model as such leaves."""
@@ -246,7 +161,7 @@ class ForwardSelection:
             choice, ranked = needed
             choice = self._restarted(state, choice)
             single = self._added(state, choice, ranked)
-            if not state.named and (lower := self._lower(state, single)) is not None:
+            if not state.named and (lower := self._lower(state, single, ranked)) is not None:
                 # Where nothing but noise is left beside it, and where this was the second time, the ranking holds.
                 holds = (lowered or is_noise(choice.best.fit)) and is_needed(lower.fit, choice.best, ranked.by_chance)
                 self.begun, state, lowered = lower, lower, True
@@ -262,9 +177,9 @@ class ForwardSelection:
             if settled is not None:
                 return settled, rankings
             state = further or single
-            if further is None or not _explains_much(state):
+            if further is None or not _explains_much(state, self.settings):
                 break
-        return self._ended(_worth_their_names(state)), rankings
+        return self._ended(_worth_their_names(state, self.settings)), rankings
 
     def _restarted(self, state: State, choice: Choice) -> Choice:
         """The best hypothesis from where members spread over the box lead, if more than noise is left of it.
@@ -285,14 +200,17 @@ class ForwardSelection:
         self.say(f"  {best.name}: misfit {found.reduced_misfit:.4g} from elsewhere in the box")
         return replace(choice, best=replace(best, fit=found))
 
-    def _lower(self, state: State, single: State) -> State | None:
+    def _lower(self, state: State, single: State, ranked: Ranked) -> State | None:
         """The given model fitted from where it is beside the first effect, if it ends lower there than it did."""
         values = single.model.as_dict(single.fit.theta)
         start = torch.tensor([[values[name] for name in state.model.names]]).to(state.fit.theta)
-        limit = state.fit.square
+        # What it begins with may be farther off than where it ended before.
+        limit = self.settings.beside * state.fit.square
         position = state.model.space.to_cube(start)
-        found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit)
-        if not found.by_noise or found.square > (1 - LEAST_PART) * state.fit.square:
+        about = known_section(single.fit)
+        found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit, about=about)
+        fallen = found.square <= (1 - self.settings.stopped_soon) * state.fit.square
+        if not found.by_noise or not (fallen or found.cost < state.fit.cost - max(1.0, ranked.by_chance)):
             return None
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")
         return replace(state, fit=found)
@@ -300,7 +218,7 @@ class ForwardSelection:
     def _explained(self, state: State) -> State | None:
         """The state, settled, if nothing but noise is left of it; None where more is."""
         fit = state.fit
-        if not is_noise(fit) and (not fit.by_noise or fit.reduced_misfit > PERHAPS_MESH):
+        if not is_noise(fit) and (not fit.by_noise or fit.reduced_misfit > self.settings.doubtful):
             return None
         ended = self._ended(state)
         return ended if ended is state or is_explained(ended.fit, self.builder.target) else None
@@ -320,17 +238,18 @@ class ForwardSelection:
         """
         builder, target = self.builder, self.builder.target
         state = self.exchange.judged_again(state)
-        little = state.fit.by_noise and state.fit.reduced_misfit < PERHAPS_MESH
+        little = state.fit.by_noise and state.fit.reduced_misfit < self.settings.doubtful
         if not little and not state.named:
             return state
         if little:
             self.say("settling on a finer mesh")
-            builder = ModelBuilder(self.builder.plain, target, fineness=SETTLING)
+            builder = ModelBuilder(self.builder.plain, target, fineness=target.settings.meshes.settling)
             builder = builder.expecting(builder.corrected(state.model, state.fit.theta))
         start = state.model.space.to_cube(state.fit.theta)[None]
-        settled = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False))
+        about = known_section(state.fit)
+        settled = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False, about=about))
         if little:
-            small = tuple(one for one in state.named if one.before.gap < SMALL_GAP * target.floor)
+            small = tuple(one for one in state.named if one.before.gap < self.settings.small_gap * target.floor)
             settled = self.exchange.without_needless(settled, builder, small)
             self.builder.count(builder.n_evaluation)
         return settled
@@ -345,8 +264,9 @@ class ForwardSelection:
         """
         after = hypothesis.fit
         gaps = [float(self.builder.target.gap(one.prediction)) for one in (before, after)]
-        part = SMALLER_COST if hypothesis.candidate.searched else SMALLER_COST_WITHOUT_NUMBER
-        smaller = gaps[1] <= SMALLER_GAP * gaps[0] and not (by_cost and after.by_noise)
+        settings = self.settings
+        part = settings.explains_much if hypothesis.candidate.searched else settings.explains_some
+        smaller = gaps[1] <= settings.explains_some * gaps[0] and not (by_cost and after.by_noise)
         return smaller or (after.by_noise and after.square <= part * before.square)
 
     def _pairs(
@@ -357,16 +277,18 @@ class ForwardSelection:
         Returns:
             It, if there is one; and the one that leaves nothing but noise, settled, if there is one.
         """
+        settings = self.settings
         ordered = sorted(ranked.hypotheses, key=lambda one: one.cost)
+        most = settings.beside * ordered[0].fit.reduced_misfit
         beam: list[State] = [single] if self._explains_some(state.fit, single.named[-1].hypothesis) else []
         for other in ordered[1:]:
-            if len(beam) >= N_BEAM or other.fit.reduced_misfit > BESIDE * ordered[0].fit.reduced_misfit:
+            if len(beam) >= settings.n_best or other.fit.reduced_misfit > most:
                 break
             if is_needed(state.fit, other, ranked.by_chance) and self._explains_some(state.fit, other, by_cost=True):
                 beam.append(self._added(state, choose(ordered, state.fit, other), ranked))
         best: State | None = None
         for rank, start in enumerate(beam):
-            if rank and self.builder.n_evaluation > ENOUGH:
+            if rank and self.builder.n_evaluation > settings.enough:
                 break
             names = " + ".join(one.hypothesis.name for one in start.named)
             self.say(f"{names} leaves {start.fit.reduced_misfit:.3g}: looking for what else is missing")
@@ -374,7 +296,8 @@ class ForwardSelection:
             if needed is None:
                 continue
             found = self._added(start, *needed)
-            if not is_noise(found.fit) and found.fit.by_noise and found.fit.square <= MUCH_LESS * start.fit.square:
+            much_less = found.fit.square <= settings.much_less * start.fit.square
+            if not is_noise(found.fit) and found.fit.by_noise and much_less:
                 # Two of a kind may have changed places, as two kinds of damping: which is cheaper to see so.
                 found = self.exchange.judged_again(found)
             if best is None or found.fit.cost < best.fit.cost:
@@ -399,18 +322,18 @@ class ForwardSelection:
         return State(model, hypothesis.fit, (*state.named, naming), state, ranked)
 
 
-def _explains_much(state: State) -> bool:
+def _explains_much(state: State, settings: Selecting) -> bool:
     """Whether the last effect explains much, or all that was left; else it may stand in for something else."""
     if state.previous is None or is_noise(state.fit) or not state.fit.by_noise:
         return True
-    return state.fit.square <= LARGE_PART * state.previous.fit.square
+    return state.fit.square <= settings.explains_much * state.previous.fit.square
 
 
-def _worth_their_names(state: State) -> State:
+def _worth_their_names(state: State, settings: Selecting) -> State:
     """Without the last effects, where something else is missing still and they only stand in for a little of it."""
     while state.previous is not None:
-        seen = is_noise(state.fit) or not state.fit.by_noise or state.fit.gap <= SEEN_PART * state.previous.fit.gap
-        if seen and _explains_much(state):
+        seen = is_noise(state.fit) or not state.fit.by_noise or state.fit.gap <= settings.shows * state.previous.fit.gap
+        if seen and _explains_much(state, settings):
             break
         state = state.previous
     return state

@@ -12,9 +12,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-# Draws, the part of them that chance may exceed.
-N_DRAW, LEVEL = 200, 0.01
-# A direction shorter than this part of the longest says nothing that it does not.
+from torchplate.diagnosis.settings import SETTINGS
+
+# A direction shorter than this part of the longest says nothing that it does not: rounding.
 PARALLEL = 1e-6
 
 
@@ -27,7 +27,7 @@ def drawn(n_residual: int, n_told: int = 0, seed: int = 0) -> Float[Tensor, "n_d
         seed: of the draws.
     """
     generator = torch.Generator().manual_seed(seed)
-    return torch.randn(N_DRAW, n_residual + n_told, generator=generator, dtype=torch.float64)
+    return torch.randn(SETTINGS.screening.n_draw, n_residual + n_told, generator=generator, dtype=torch.float64)
 
 
 def falls(
@@ -53,4 +53,4 @@ def falls(
 
 def once_in_a_hundred(best: Float[Tensor, "n_effect n_draw"]) -> float:
     """The fall that the best of all effects exceeds in one of a hundred draws; 0 where none was scored."""
-    return float(best.amax(0).quantile(1 - LEVEL)) if best.numel() else 0.0
+    return float(best.amax(0).quantile(1 - SETTINGS.screening.level)) if best.numel() else 0.0

@@ -8,47 +8,21 @@ import torch
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.candidates.candidate import Candidate, candidates
+from torchplate.diagnosis.candidates.candidate import Candidate
+from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements, rearrangements
 from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at, tighter_at
-from torchplate.diagnosis.fit import Prior, Problem, fit, one_level, widely
-from torchplate.diagnosis.localise import UNIT, missing_force
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.localisation.localise import missing_force
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
-from torchplate.diagnosis.selection.criterion import Hypothesis, excessive, is_noise
+from torchplate.diagnosis.problem import Prior, Problem, one_level, widely
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise, known_section
 from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
-from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of, twins
+from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
+from torchplate.diagnosis.selection.shortlist import acts_like, best_of_each, kept, promising
 from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.discrepancy.wandering import wandered
 from torchplate.model import PlateModel
-
-# Candidates that go down the wide levels, by name, and that are refitted sharply. Two go on from each level, and others
-# that leave no more than so many times as much as the best.
-N_WIDE, N_SHARP, NEAR = 8, 5, 6.0
-# What promises less than this part of the best is not refitted; and where peaks overlap and the best promises so much
-# of the misfit, wide levels are not asked.
-FAINT, DECIDED = 0.05, 0.5
-# What was refitted kept the promise where it took this part of it from what speaks against the model.
-KEPT = 0.9
-# A second option of the same effect is followed if it promises at least this part of the first's.
-SECOND = 0.6
-# Below this gap peaks of model and measurement overlap; below this mean square wide levels would show but noise.
-OVERLAPPING, NEARLY_RIGHT = 0.5, 2.5
-# Mean square up to which what is left is held against what chance would leave.
-PERHAPS_CHANCE = 12.0
-# An effect of the whole plate whose prior spans more than this factor is looked for all over its prior and the box
-# together, where the model is doubted: so many members, and so many of them that go down.
-WIDE_PRIOR, N_FAR, N_FAR_DESCEND = 10.0, 192, 16
-# A hypothesis that leaves so many times as much as the best so far is not followed to its end.
-HOPELESS = 4.0
-# What closed the gap this much in the ranking before is tried again, so many at most.
-CAME_NEAR, N_AGAIN = 0.9, 3
-# Hypotheses this close to the best are refitted from where they ended; so are the best where more than noise is left.
-RUN_OFF, RUN_OFF_PART, N_RUN_OFF, N_FURTHER = 100.0, 0.03, 3, 2
-# Mean square up to which little is left, so that a support that stays where it is may be named; where what is grounded
-# leaves so many times as much, it is none.
-LITTLE, FAR = 3.0, 100.0
-# Where a support at the same place leaves so much less, the spring or dashpot had stopped short.
-SHORT = 0.2
 
 
 class Ranking:
@@ -63,6 +37,7 @@ class Ranking:
 
     def __init__(self, builder: ModelBuilder, prior: Prior, channels: Channels, say: Callable[[str], None]) -> None:
         self.builder, self.prior, self.channels, self.say = builder, prior, channels, say
+        self.settings = builder.target.settings
         self._n_option: dict[str, int] = {}
 
     def at(self, state: State) -> Ranked:
@@ -79,27 +54,28 @@ class Ranking:
         chosen: list[tuple[Scored, Tensor]] = []
         by_chance = 0.0
         gap = float(builder.target.gap(state.fit.prediction))
-        if gap < OVERLAPPING or misfit <= NEARLY_RIGHT:
+        screening, selecting = self.settings.screening, self.settings.selecting
+        if gap < screening.overlapping or misfit <= screening.nearly_right:
             promises, by_chance = self._nearby(state, base, everyone)
             # Where nothing but noise is left, refitting the best two is a check.
-            wanted = 2 if is_noise(state.fit) else N_SHARP
-            chosen = [(promise, promise.starts) for promise in _promising(promises, wanted)]
+            wanted = selecting.n_best if is_noise(state.fit) else screening.n_sharp
+            chosen = [(promise, promise.starts) for promise in promising(promises, wanted, screening)]
         hypotheses: list[Hypothesis] = []
-        if misfit > NEARLY_RIGHT:
-            if promises and promises[0].drop > DECIDED:
+        if misfit > screening.nearly_right:
+            if promises and promises[0].drop > 1 - selecting.explains_much:
                 hypotheses, chosen = self._refitted(state, chosen), []
-            if not _kept(promises, hypotheses, state):
+            if not kept(promises, hypotheses, state, screening):
                 widely_scored, further = self._widely(state, base, everyone)
                 chosen += further
                 promises = promises or widely_scored
         hypotheses += self._refitted(state, chosen, hypotheses)
-        hypotheses = self._run_off(state, _best_of_each(hypotheses + self._again(state)))
+        hypotheses = self._run_off(state, best_of_each(hypotheses + self._again(state)))
         ended: list[Hypothesis] = []
         for found in hypotheses:
             priced, supports = self.as_supports(state, found) if found.candidate.effect.to_ground else (found, [])
             # A support stays where it is: it is named where little else is missing, and it is there.
-            ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= LITTLE)]
-        return Ranked(tuple(promises), tuple(_best_of_each(ended)), by_chance)
+            ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= selecting.little)]
+        return Ranked(tuple(promises), tuple(best_of_each(ended)), by_chance)
 
     def _rearranged(self, state: State) -> Rearrangements:
         """Exchanges and turns of channels that promise something."""
@@ -126,7 +102,7 @@ class Ranking:
         scored = screen(self.builder, base, state.fit.theta, everyone, self.prior)
         scored = [self._from_afar(state, one) for one in scored]
         scored = sorted(self._from_force(state, base, scored), key=lambda one: -one.drop)
-        ways = _promising(scored, N_WIDE)
+        ways = promising(scored, self.settings.screening.n_wide, self.settings.screening)
         ways += [one for one in scored if one.candidate.replaces and all(one is not way for way in ways)]
         return scored, self._down(state, ways)
 
@@ -141,14 +117,14 @@ class Ranking:
         found: list[Hypothesis] = []
         for one, several in together.values():
             least = min((other.fit.square for other in (*before, *found)), default=math.inf)
-            limit = HOPELESS * least
+            limit = self.settings.searching.hopeless * least
             found.append(self._refit(state, one.candidate, one.label, torch.cat(several), limit))
         return found
 
     def _by_chance(self, state: State) -> Tensor | None:
         """Residuals that chance alone makes, where what is left is not far above it; None elsewhere."""
         target = self.builder.target
-        if not state.fit.by_noise or state.fit.reduced_misfit > PERHAPS_CHANCE:
+        if not state.fit.by_noise or state.fit.reduced_misfit > self.settings.selecting.doubtful:
             return None
         n_told = int((state.fit.told > 0).sum())
         return drawn(2 * target.measured.numel(), n_told)
@@ -161,10 +137,10 @@ class Ranking:
         near = [
             one
             for one in sorted(state.ranked.hypotheses, key=lambda one: one.cost)
-            if one.name not in named and one.fit.gap < CAME_NEAR * state.previous.fit.gap
+            if one.name not in named and one.fit.gap < self.settings.selecting.shows * state.previous.fit.gap
         ]
         found = []
-        for one in near[:N_AGAIN]:
+        for one in near[: self.settings.selecting.n_again]:
             values = one.fit.model.as_dict(one.fit.theta)
             own = {key: values[f"{one.label}.{key}"] for key in one.candidate.searched}
             label = new_label(state.model, one.name)
@@ -178,13 +154,14 @@ class Ranking:
 
         Where more than noise is left, the best go on as long as that takes them further: valleys are narrow.
         """
+        settings = self.settings.selecting
         found = sorted(hypotheses, key=lambda one: one.cost)
-        for _ in range(N_RUN_OFF if self.builder.target.trusts_the_noise and found else 0):
+        for _ in range(settings.n_run_off if self.builder.target.trusts_the_noise and found else 0):
             least = found[0].cost
-            within = RUN_OFF + RUN_OFF_PART * found[0].fit.square
+            within = settings.close + settings.close_part * found[0].fit.square
             close = [one for one in found if one.cost - least < within]
             if not is_noise(found[0].fit):
-                close = found[: max(N_FURTHER, len(close))]
+                close = found[: max(settings.n_best, len(close))]
             if len(close) < 2:
                 break
             ends = [(one, one.fit.model.space.to_cube(one.fit.theta)[None]) for one in close]
@@ -200,18 +177,20 @@ class Ranking:
         These are clamps that yield, since what was fitted with a rigid one has taken on what they give; and, where the
         model is doubted, whatever of the whole plate may change by a large factor.
         """
+        settings = self.settings.searching
         wide = [one for one in promise.candidate.searched.values() if one.logarithmic and one.low > 0]
         whole_plate = promise.candidate.effect.acts_on == {"section"} and not promise.candidate.has_place
-        large = whole_plate and any(one.high / one.low > WIDE_PRIOR for one in wide)
+        large = whole_plate and any(one.high / one.low > settings.wide_prior for one in wide)
         if not promise.candidate.replaces and (self.builder.target.trusts_the_noise or not large):
             return promise
         whole = with_candidate(state.fit.model, promise.label, promise.candidate)
         n = len(whole.names)
-        members = torch.cat([promise.starts, SobolEngine(n).draw(N_FAR, dtype=torch.float64).to(promise.starts)])
-        some = torch.cat([promise.starts[:1], members[-6:]])
+        spread = SobolEngine(n).draw(2 * settings.n_spread, dtype=torch.float64).to(promise.starts)
+        members = torch.cat([promise.starts, spread])
+        some = torch.cat([promise.starts[:1], members[-settings.n_plates :]])
         problem = Problem(self.builder, self.builder.reduced(whole, whole.space.to_si(some)), self.prior)
         value = problem.residual(members, 0).square().sum(-1)
-        starts, left = widely(problem, members[value.argsort()[:N_FAR_DESCEND]], keep=3)
+        starts, left = widely(problem, members[value.argsort()[: settings.n_far]], settings.n_kept)
         given = Problem(self.builder, state.fit.reduced, self.prior)
         position = given.model.space.to_cube(state.fit.theta)
         before = 0.5 * float(given.residual(position, self.builder.target.levels - 2).square().sum())
@@ -224,9 +203,10 @@ class Ranking:
             return list(scored)
         force = missing_force(target.measurement, target.variance.sqrt(), fit.expected, fit.reduced, fit.theta)
         found = []
+        faint = self.settings.screening.faint
         for one in scored:
-            (key, kind), searched = _acts_like(one.candidate), one.candidate.searched
-            if force is not None and kind and force.parts[kind] >= FAINT and force.size[kind] > 0:
+            (key, kind), searched = acts_like(one.candidate), one.candidate.searched
+            if force is not None and kind and force.parts[kind] >= faint and force.size[kind] > 0:
                 interval = searched[key]
                 size = min(max(force.size[kind], interval.low), interval.high)
                 values = {"x": force.place[0], "y": force.place[1], key: size}
@@ -250,14 +230,15 @@ class Ranking:
                 free[:, [promise.model.names.index(name) for name in stuck]] = 0.5
                 starts = torch.cat([starts, free])
             ways.append((0.0, promise, starts))
+        screening, n_best = self.settings.screening, self.settings.selecting.n_best
         for level in range(self.builder.target.levels - 1):
             ends = []
             for _, promise, starts in ways:
-                starts, value = one_level(Problem(self.builder, promise.model, self.prior), starts, level, keep=2)
+                starts, value = one_level(Problem(self.builder, promise.model, self.prior), starts, level, keep=n_best)
                 ends.append((float(value[0]), promise, starts))
             ends.sort(key=lambda one: one[0])
-            ways = [one for rank, one in enumerate(ends) if rank < 2 or one[0] <= NEAR * ends[0][0]]
-        return [(promise, starts[:2]) for _, promise, starts in ways[:N_SHARP]]
+            ways = [one for rank, one in enumerate(ends) if rank < n_best or one[0] <= screening.near * ends[0][0]]
+        return [(promise, starts[:n_best]) for _, promise, starts in ways[: screening.n_sharp]]
 
     def as_supports(
         self, state: State, found: Hypothesis, taken_up: bool = False
@@ -271,7 +252,7 @@ class Ranking:
             found: with it.
             taken_up: whether it was fitted from where a support led already.
         """
-        if found.fit.reduced_misfit > FAR * LITTLE:
+        if found.fit.reduced_misfit > self.settings.selecting.grounded:
             return found, []
         values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
         at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", *STRENGTHS)}
@@ -282,10 +263,11 @@ class Ranking:
         wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
         supports = [self._priced(self.refitted(state, candidate, theta), found) for candidate in wanted]
         best = min(supports, key=lambda one: one.fit.square)
-        stopped_short = best.fit.square < (1 - SHORT) * found.fit.square and not is_noise(found.fit)
+        nearer = (1 - self.settings.selecting.stopped_short) * found.fit.square
+        stopped_short = best.fit.square < nearer and not is_noise(found.fit)
         if tighter is None and stopped_short and not taken_up:
             again = self._from_support(state, found, best)
-            if again.fit.square < (1 - SHORT) * found.fit.square:
+            if again.fit.square < nearer:
                 return self.as_supports(state, again, taken_up=True)
         return found, supports
 
@@ -332,49 +314,7 @@ class Ranking:
         hopeless: float = math.inf,
     ) -> Hypothesis:
         whole = with_candidate(state.model, label, candidate)
-        about = None if excessive(state.fit) else state.fit.about
+        about = known_section(state.fit)
         found = fit(self.builder, whole, starts, self.prior, wide=False, hopeless=hopeless, about=about)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
         return Hypothesis(candidate, label, found, n_option=self._n_option.get(candidate.name, 1))
-
-
-def _acts_like(candidate: Candidate) -> tuple[str, str]:
-    """The one strength of what acts at a point, and whether it is a stiffness, a damping or a mass; else empty."""
-    strengths = candidate.searched.keys() - {"x", "y"}
-    if candidate.has_place and len(strengths) == 1:
-        (key,) = strengths
-        for kind, unit in UNIT.items():
-            if candidate.effect.parameters[key].unit == unit:
-                return key, kind
-    return "", ""
-
-
-def _promising(promises: Sequence[Scored], wanted: int) -> list[Scored]:
-    """The best names: the first option of each, a second that promises nearly as much, and what is parallel to them."""
-    best: dict[str, list[Scored]] = {}
-    for promise in promises:
-        own = best.setdefault(promise.candidate.name, [])
-        if not own or (len(own) == 1 and promise.drop >= SECOND * own[0].drop):
-            own.append(promise)
-    alike = dict(zip((id(promise) for promise in promises), twins(promises), strict=True))
-    ranked = sorted(best, key=lambda name: -best[name][0].drop)[:wanted]
-    names = [name for name in ranked if best[name][0].drop >= FAINT * best[ranked[0]][0].drop]
-    names += [other for name in names for other in alike[id(best[name][0])] if other in best]
-    return [promise for name in dict.fromkeys(names) for promise in best[name]]
-
-
-def _kept(promises: Sequence[Scored], hypotheses: Sequence[Hypothesis], state: State) -> bool:
-    """Whether what was refitted where peaks overlap took most of what the best promised."""
-    if not hypotheses:
-        return False
-    least = min(one.fit.square for one in hypotheses)
-    return state.fit.square - least >= KEPT * promises[0].drop * state.fit.square
-
-
-def _best_of_each(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Of every name the best."""
-    best: dict[str, Hypothesis] = {}
-    for one in hypotheses:
-        if one.name not in best or one.cost < best[one.name].cost:
-            best[one.name] = one
-    return list(best.values())

@@ -18,19 +18,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate, distance, vector
-from torchplate.diagnosis.fit import Prior, Problem
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
+from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.selection.null import falls
+from torchplate.diagnosis.settings import SETTINGS
 from torchplate.discrepancy.marginal import Marginal
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
-
-# The level at which candidates are scored where peaks do not overlap.
-LEVEL = 1
-# Starts of one candidate for its refit, and how far apart they must sit: about as places that are tried do.
-N_START, APART = 8, 0.15
-# Signatures are parallel from this cosine on.
-PARALLEL = 0.98
 
 
 class Scored(NamedTuple):
@@ -78,7 +72,7 @@ def screen(
             then scored at the sharp level, by small steps; None elsewhere.
         draws: residuals at the sharp level that chance makes, to be scored too.
     """
-    level = builder.target.levels - 1 if near is not None else LEVEL
+    level = builder.target.levels - 1 if near is not None else builder.target.settings.wide.screened
     here = Problem(builder, base, prior, near)
     position = base.space.to_cube(theta)
     plain = here.predict(theta, level)
@@ -146,11 +140,12 @@ def screen(
 def twins(scored: Sequence[Scored]) -> list[tuple[str, ...]]:
     """For each candidate, the names of those whose signature is parallel to its own."""
     found = []
+    least = SETTINGS.screening.parallel
     for one in scored:
         near = {
             other.candidate.name
             for other in scored
-            if abs(float(one.signature @ other.signature)) >= PARALLEL and other.candidate.name != one.candidate.name
+            if abs(float(one.signature @ other.signature)) >= least and other.candidate.name != one.candidate.name
         }
         found.append(tuple(sorted(near)))
     return found
@@ -200,9 +195,9 @@ def _apart(values: Sequence[Mapping[str, float]], drop: Tensor) -> list[int]:
     """The best members, none of them near a better one."""
     chosen: list[int] = []
     for index in drop.argsort(descending=True).tolist():
-        if all(distance(values[index], values[other]) >= APART for other in chosen):
+        if all(distance(values[index], values[other]) >= SETTINGS.screening.apart for other in chosen):
             chosen.append(index)
-        if len(chosen) == N_START:
+        if len(chosen) == SETTINGS.screening.n_start:
             break
     return chosen
 

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from torchplate.diagnosis.fit import Fit, Prior
+from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
 from torchplate.diagnosis.selection.screen import Scored
 from torchplate.measurement.noise import Noise

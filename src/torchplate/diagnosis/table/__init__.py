@@ -7,7 +7,8 @@
 - `hypotheses`: effects tried all over their intervals, where refits begin, which pairs promise most.
 - `refit`: the minima of a hypothesis and its marginal likelihood; `comparison`: of all hypotheses on one mesh.
 - `posterior`: probabilities of hypotheses, of effects, of parameters; `null`: what chance alone would take.
-- `summary`: what is said of all this.
+- `found`: what all this has come to; `summary`: what is said of it; `naming`: of an effect that is named; `remarks`: of
+  what is missing still.
 """
 
 from torchplate.diagnosis.table.flow import diagnose_table

@@ -23,9 +23,6 @@ from torchplate.diagnosis.table.refit import Minimum, Prior, Problem, together
 from torchplate.diagnosis.table.settings import TableSettings
 from torchplate.model import PlateModel
 
-# Places over the box of the given model from which the best go on.
-N_SPREAD, N_BEST = 64, 4
-
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
@@ -107,13 +104,15 @@ class Comparing:
         plates = self.plates
         n = len(plates.model.names)
         place = plates.model.known.new_full((1, n), 0.5)
-        starts = place if not n else torch.cat([place, SobolEngine(n).draw(N_SPREAD, dtype=torch.float64)[1:]])
+        starts = (
+            place if not n else torch.cat([place, SobolEngine(n).draw(self.settings.n_spread, dtype=torch.float64)[1:]])
+        )
         for turn in range(2):
             plates.at(plates.model.space.to_si(place[0]))
             problem = Problem(plates.reduced(plates.model), plates.evidence, self.prior, self.settings)
             if turn == 0 and n:
                 off = plates.evidence.residual(problem.natural.frequency(starts)).square().sum(-1)
-                starts = starts[(off + problem.deviations(starts).square().sum(-1)).argsort()[:N_BEST]]
+                starts = starts[(off + problem.deviations(starts).square().sum(-1)).argsort()[: self.settings.n_best]]
             minima = problem.minima(starts)
             place = starts = minima[0].position[None]
             plates.n_evaluation += len(starts)

@@ -8,11 +8,12 @@ import torch
 from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.table.comparison import Comparing, Comparison, Weighed
 from torchplate.diagnosis.table.evidence import TableEvidence
+from torchplate.diagnosis.table.found import Found
 from torchplate.diagnosis.table.hypotheses import Fitted
 from torchplate.diagnosis.table.plates import Plates
 from torchplate.diagnosis.table.posterior import Posterior
 from torchplate.diagnosis.table.settings import SETTINGS, TableSettings
-from torchplate.diagnosis.table.summary import Found, summarise
+from torchplate.diagnosis.table.summary import summarise
 from torchplate.diagnosis.tolerance import with_tolerances
 from torchplate.measurement import NaturalFrequencies
 from torchplate.model import PlateModel
@@ -71,4 +72,4 @@ def _alike(
     theta = one[1].theta
     found = [bench.plates.exactly(bench.plates.model, theta) for bench, _, _ in (one, other)]
     off = (found[0] - found[1]) / one[0].plates.evidence.scatter
-    return float(off.abs().max()) < settings.same_mesh
+    return float(off.abs().max()) < settings.alike

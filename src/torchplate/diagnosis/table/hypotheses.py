@@ -12,7 +12,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.candidates.candidate import Candidate, candidates
+from torchplate.diagnosis.candidates.candidate import Candidate
+from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels
 from torchplate.diagnosis.table.plates import Plates
 from torchplate.diagnosis.table.refit import Minimum, Problem

@@ -12,7 +12,7 @@ from torchplate.model.modes import natural_frequencies, whiten
 
 # Step of the differences of K and M on the unit cube [-]: their rounding is then 1e-10, their curvature 1e-6.
 STEP = 1e-6
-# Members whose matrices are made at once.
+# Members whose matrices are made at once: memory, no result hangs on it.
 AT_ONCE = 96
 
 

@@ -10,7 +10,7 @@ import torch
 from torchplate.diagnosis.table.comparison import Comparison
 from torchplate.diagnosis.table.settings import TableSettings
 
-# A change shorter than this says nothing [standard deviations].
+# A change shorter than this says nothing [standard deviations]: its direction is rounding.
 SHORT = 1e-3
 
 

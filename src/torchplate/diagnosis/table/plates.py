@@ -25,11 +25,7 @@ from torchplate.model.fine_mesh import SparseModel
 from torchplate.plate import Assembly
 
 MeshKind = Literal["given", "corrected"]
-# Modes of a basis over those of the table: so many times, and so many more.
-TIMES, MORE = 1.8, 12
-# Those that a further plate brings, over the table's.
-FURTHER = 4
-# Columns shorter than this part of the longest say nothing new.
+# Columns shorter than this part of the longest say nothing new: rounding.
 INDEPENDENT = 1e-10
 
 
@@ -83,7 +79,7 @@ class Plates:
             left = self.settings.mesh_part * error[self.mode] + self.settings.mesh_least
             self.evidence = self.evidence.on_mesh(left * self.evidence.frequency)
         self._bases.clear()
-        n_mode = int(TIMES * self.n_mode) + MORE
+        n_mode = int(self.settings.basis_times * self.n_mode) + self.settings.basis_more
         self._modes = self._of(self.model, theta, n_mode)
 
     @classmethod
@@ -129,7 +125,7 @@ class Plates:
 
     def modes_at(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Float[Tensor, "n_free n"]:
         """What one plate brings into a basis."""
-        return self._of(model, theta, self.n_mode + FURTHER)
+        return self._of(model, theta, self.n_mode + self.settings.basis_further)
 
     def exactly(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Float[Tensor, " n_mode"]:
         """Natural frequencies of one member in all dofs [Hz]."""

@@ -26,10 +26,8 @@ from torchplate.search.least_squares import least_squares
 from torchplate.search.least_squares_outcome import LeastSquaresOutcome
 
 Prior = Mapping[str, tuple[float, float]]
-# A parameter this near to an end of its interval is on it, on the unit cube.
+# A parameter this near to an end of its interval is on it, on the unit cube: rounding.
 ON_BOUND = 1e-6
-# Mirror images whose frequencies agree to this part of a standard deviation are one plate turned.
-ALIKE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +207,7 @@ class Problem:
         if not turned:
             return ()
         found = self.natural.frequency(torch.stack(turned))
-        alike = ((found - predicted) / self.evidence.std).abs().amax(-1) < ALIKE
+        alike = ((found - predicted) / self.evidence.std).abs().amax(-1) < self.settings.alike
         kept: list[int] = []
         for k, same in enumerate(alike.tolist()):
             if same and not any(_near(turned[k] - turned[j], precision, self.settings.same) for j in kept):

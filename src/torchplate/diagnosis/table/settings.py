@@ -15,7 +15,8 @@ class TableSettings:
         level: quantile of F beyond which what is left is more than scatter [-].
         prior_number: probability that no, one, two effects are missing [-].
         prior_given_mesh: probability that a table comes from the given mesh itself and not from a plate [-].
-        set_probability: what the set of a name and its equivalents holds [-].
+        set_probability: what the set of a name and its equivalents holds, and from which the corrected mesh is worth a
+            name [-].
         least_part: an effect that leaves more than this part of χ², and more than scatter, explains nothing [-].
         volume: a parameter that is known to a on the unit cube (precision a) costs ½ ln(1 + a / volume). 2π is right at
             both ends: the Gaussian's own volume √(2π/a) where data say much, 1 where they say nothing.
@@ -25,7 +26,8 @@ class TableSettings:
         far: ends whose χ² term lies so much above the best are forgotten [-]: they would weigh e^(-far/2).
         mesh_part: part of a natural frequency's mesh error that stays once it is extrapolated [-].
         mesh_least: relative error of a natural frequency that stays on any mesh [-].
-        same_mesh: where both meshes agree to this part of a standard deviation, one of them is tried [-].
+        alike: what agrees to this part of a standard deviation is one [-]: both meshes, of which one is tried then, and
+            mirror images, which are one plate turned.
         most_doubtful: confidence in a name at most, without equivalents, whose parameter wants to leave its prior, or
             beside which more than scatter is left: what is missing there is in no hypothesis [-].
         n_element: least numbers of elements of the corrected mesh, the next where the last leaves too much.
@@ -42,6 +44,14 @@ class TableSettings:
         near: minima up to so much above the best, in −2 ln Z, are refitted in the end [-].
         n_rebuilt: refits that end in the modes of the plate they found, for each number of effects.
         basis_error: relative error of a natural frequency beyond which an effect's own modes join the basis [-].
+        basis_times: modes of a basis over those of the table, so many times [-].
+        basis_more: and so many more [-].
+        basis_further: modes that a further plate brings, over the table's [-].
+        n_spread: places over the box of the given model [-].
+        n_best: those that go on from there [-].
+        blind: an estimate that the data narrow by less than this part of its prior's precision has no standard
+            deviation [-].
+        n_worst: modes that are named where a table is left unexplained [-].
         n_draw: draws of the null distribution and of the posterior.
     """
 
@@ -58,7 +68,7 @@ class TableSettings:
     far: float = 20.0
     mesh_part: float = 0.02
     mesh_least: float = 3e-5
-    same_mesh: float = 0.3
+    alike: float = 0.3
     most_doubtful: float = 0.9
     n_element: tuple[int, ...] = (100, 256)
     little: float = 0.3
@@ -73,6 +83,13 @@ class TableSettings:
     near: float = 6.0
     n_rebuilt: int = 8
     basis_error: float = 3e-4
+    basis_times: float = 1.8
+    basis_more: int = 12
+    basis_further: int = 4
+    n_spread: int = 64
+    n_best: int = 4
+    blind: float = 1e-3
+    n_worst: int = 4
     n_draw: int = 400
 
 

@@ -1,0 +1,112 @@
+"""Members of a candidate that are tried: places, sizes and values, tangents where peaks overlap and steps where not."""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+
+from torchplate.diagnosis.candidates.candidate import Trial
+from torchplate.diagnosis.settings import SETTINGS
+from torchplate.model import Searched
+
+# Part of the way of a tangent: a step of finite differences.
+TINY = 1e-5
+
+
+def trials(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> tuple[list[Trial], list[Trial]]:
+    """Trials where peaks do not overlap, and trials where they do."""
+    tangents = _combined(searched, neutral, tangent=True)
+    steps = _combined(searched, neutral, tangent=False)
+    if not searched:
+        return steps, steps
+    # A change that the fitted parameters nearly undo, such as that of a thickness, shows in its tangent alone; and one
+    # that widens or moves a peak by its width, such as that of a dashpot, in a step.
+    return (steps, [*tangents, *steps]) if "x" in searched else ([*tangents, *steps], tangents)
+
+
+def yielding(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> tuple[list[Trial], list[Trial]]:
+    """Springs of a held edge from rigid to soft, together; and a little softer, for what goes with their compliance.
+
+    What the edge leaves free, as a simple support its slope, has no rigid spring: a soft and a stiff one are tried.
+    """
+    held = {key: value for key, value in neutral.items() if value > 0}
+    axes = {
+        key: [held[key] * part for part in (1.0, *SETTINGS.trials.yields)]
+        if key in held
+        else [interval.low, math.sqrt(interval.low * interval.high)]
+        for key, interval in searched.items()
+    }
+    every = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+    rigid, softer = every[0], SETTINGS.trials.softer
+    softest = softer / SETTINGS.trials.yields[-1]
+    near = [Trial(rigid | {key: softer * held[key]}, 0.0, softest) for key in held]
+    return [Trial(values, 1.0, 1.0) for values in every[1:]], near
+
+
+def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], tangent: bool) -> list[Trial]:
+    """All combinations of places and values, or one value at a time where there would be too many."""
+    axes: dict[str, Sequence[float]] = {}
+    settings = SETTINGS.trials
+    for key, interval in searched.items():
+        if key in ("x", "y"):
+            axes[key] = settings.spread if "size" in searched else settings.places
+        elif key == "size":
+            axes[key] = settings.sizes
+        elif tangent:
+            axes[key] = [_tangent(interval, neutral.get(key))]
+        else:
+            axes[key] = _steps(interval, neutral.get(key), at_place="x" in searched)
+    believed = (-settings.tangent / TINY, settings.tangent / TINY) if tangent else settings.believed
+    if "x" in axes or (not tangent and math.prod(len(values) for values in axes.values()) <= settings.most_members):
+        every = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+    else:
+        rest = {key: neutral.get(key, values[0]) for key, values in axes.items()}
+        every = [rest | {key: value} for key, values in axes.items() for value in values]
+        if not tangent and 3 ** len(axes) <= settings.most_corners:
+            corners = {key: [_between(searched[key], rest[key], end) for end in (0, None, 1)] for key in axes}
+            every += [dict(zip(axes, values, strict=True)) for values in itertools.product(*corners.values())]
+    return [Trial(values, _least(values, searched, neutral, believed[0]), believed[1]) for values in every]
+
+
+def _least(
+    values: Mapping[str, float], searched: Mapping[str, Searched], neutral: Mapping[str, float], believed: float
+) -> float:
+    """The least multiple of a step: none the other way, where nothing lies there, as no negative mass does."""
+    moved = [key for key, value in values.items() if key in neutral and value != neutral[key]]
+    one_sided = any(neutral[key] <= searched[key].low or neutral[key] >= searched[key].high for key in moved)
+    return 0.0 if one_sided else believed
+
+
+def _between(interval: Searched, neutral: float, end: int | None) -> float:
+    """The neutral value, or one half way to an end of the interval."""
+    if end is None:
+        return neutral
+    far = interval.high if end else interval.low
+    return (neutral * far) ** 0.5 if interval.logarithmic and neutral > 0 else 0.5 * (neutral + far)
+
+
+def _tangent(interval: Searched, neutral: float | None) -> float:
+    """A value a tiny step away from the neutral one."""
+    if neutral is None:
+        neutral = interval.low
+    if interval.logarithmic and interval.low <= neutral:
+        return neutral * (interval.high / interval.low) ** TINY
+    far = interval.high if abs(interval.high - neutral) >= abs(interval.low - neutral) else interval.low
+    # A neutral zero below a logarithmic interval: what is small there is its middle.
+    far = math.sqrt(interval.low * interval.high) if interval.logarithmic else far
+    return neutral + TINY * (far - neutral)
+
+
+def _steps(interval: Searched, neutral: float | None, at_place: bool) -> list[float]:
+    """Values some way from the neutral one, on both sides; spread over the interval where that is not inside it."""
+
+    def between(low: float, high: float, part: float) -> float:
+        return low * (high / low) ** part if interval.logarithmic else low + part * (high - low)
+
+    if neutral is None or not interval.low <= neutral <= interval.high:
+        return [between(interval.low, interval.high, part) for part in SETTINGS.trials.spread]
+    ends = (interval.low, interval.high)
+    if at_place:
+        # One step will do: its multiple of either sign follows from the residual.
+        return [between(neutral, max(ends, key=lambda end: abs(end - neutral)), SETTINGS.trials.at_place)]
+    apart = 1e-9 * abs(interval.high - interval.low)
+    return [between(neutral, end, part) for end in ends if abs(end - neutral) > apart for part in SETTINGS.trials.parts]

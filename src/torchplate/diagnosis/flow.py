@@ -1,0 +1,85 @@
+"""The steps of a diagnosis: from a model and a measurement to what is missing."""
+
+import time
+from collections.abc import Callable, Mapping
+
+import torch
+
+from torchplate.diagnosis.holdout import held_out
+from torchplate.diagnosis.result import Diagnosis
+from torchplate.diagnosis.selection.forward import ForwardSelection
+from torchplate.diagnosis.selection.trace import Trace
+from torchplate.diagnosis.settings import SETTINGS
+from torchplate.diagnosis.summary import summarise
+from torchplate.diagnosis.table import diagnose_table
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies
+from torchplate.measurement.noise import noise_level
+from torchplate.model import PlateModel
+
+
+@torch.no_grad()
+def diagnose(
+    model: PlateModel,
+    measurement: Measurement | None = None,
+    natural_frequencies: NaturalFrequencies | None = None,
+    *,
+    tolerance: Mapping[str, float] | None = None,
+    n_average: int | None = None,
+    gain_is_unknown: bool = False,
+    imperfections: Imperfections | None = None,
+    most_effects: int = 3,
+    seed: int = 0,
+    say: Callable[[str], None] = lambda _: None,
+) -> Diagnosis:
+    """Find where a model and a measurement disagree, name what is missing, add it, and show the gap shrink.
+
+    Args:
+        model: the model as it is believed; its searched parameters are fitted, its numbers are not.
+        measurement: FRFs; the model's responses and references are theirs.
+        natural_frequencies: a table instead of FRFs.
+        tolerance: how well numbers are known: "label.parameter", "mesh.length_x" → standard deviation in SI units.
+        n_average: records behind each FRF, where known.
+        gain_is_unknown: the level of the FRFs carries no unit.
+        imperfections: what the test is not perfect in; what is not told has the size of a careful test.
+        most_effects: that may be added.
+        seed: of the choice of held-out FRFs.
+        say: is told what is being tried.
+
+    Raises:
+        ValueError: if there is neither a measurement nor a table, or both.
+    """
+    if (measurement is None) == (natural_frequencies is None):
+        raise ValueError("Expected either FRFs or natural frequencies, got both or neither. Give one of them.")
+    if measurement is None:
+        assert natural_frequencies is not None
+        return diagnose_table(model, natural_frequencies, tolerance=tolerance, say=say)
+    began = time.monotonic()
+    noise = noise_level(measurement, n_average)
+    if (step := _step(measurement)) > 1:
+        measurement, noise = measurement.every(step), noise.every(step)
+    target = FrfTarget(
+        measurement, noise, held_out(measurement.measured, seed), gain_is_unknown, imperfections or Imperfections()
+    )
+    selection = ForwardSelection.of(model, target, dict(tolerance or {}), say)
+    baseline = selection.baseline()
+    selection, baseline = selection.robust_baseline(baseline)
+    given = selection.as_given(baseline)
+    state, rankings = selection.add_effects(baseline, most_effects)
+    few = len(measurement.pairs) < target.settings.holding_out.few
+    if few and state.fit.reduced_misfit > target.settings.selecting.far_off:
+        selection, baseline = selection.inflated(selection.begun)
+        given = selection.as_given(baseline)
+        state, rankings = selection.add_effects(baseline, most_effects)
+    return summarise(
+        Trace(selection.builder, noise, given, selection.begun, state, tuple(rankings), selection.prior),
+        time.monotonic() - began,
+    )
+
+
+def _step(measurement: Measurement) -> int:
+    """Of how many lines one is looked at."""
+    lines = SETTINGS.lines
+    n = len(measurement.frequency)
+    numbers = 2 * n * len(measurement.pairs)
+    return max(1, min(-(-numbers // lines.most_numbers), n // lines.least))

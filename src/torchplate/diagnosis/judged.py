@@ -1,0 +1,220 @@
+"""A fitted model beside noise and nuisances: what it was judged by, and as large as they are found there."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.problem import Prior, Problem
+from torchplate.diagnosis.settings import Comparison
+from torchplate.discrepancy.judged import Judged
+from torchplate.discrepancy.marginal import Marginal
+from torchplate.discrepancy.wandering import Found, wandered
+from torchplate.model import PlateModel
+from torchplate.search.jacobian import JACOBIANS
+
+
+class Fit(NamedTuple):
+    """A fitted model, and what it was judged by.
+
+    Attributes:
+        model: in all dofs, its mesh error taken off at the end.
+        reduced: in the basis of the end, its section as it was found to wander.
+        theta: its searched parameters in SI units.
+        covariance: of theta, noise and nuisances as large as they were found; NaN where a parameter is not seen.
+        prediction: of the target, its section uniform.
+        expected: likewise, its section as it was found to wander.
+        judged: its residuals on what the fit saw.
+        prior: what the tolerances add to the sum of squares.
+        gap: over all that was measured.
+        marginal: noise and nuisances beside it.
+        information: of the data on theta, on the unit cube.
+        told: inverse variance of what is known of each parameter beforehand, on the unit cube.
+        n_on_bound: parameters that sit on the edge of their intervals.
+        by_noise: whether residuals were weighed by the noise, and not by what the model as such leaves.
+        n_modal: numbers that what is left says, where it is not noise.
+        n_mode: modes in the band.
+        comparison: by which it is compared with others.
+    """
+
+    model: PlateModel
+    reduced: PlateModel
+    theta: Float[Tensor, " n_parameter"]
+    covariance: Float[Tensor, "n_parameter n_parameter"]
+    prediction: Tensor
+    expected: Tensor
+    judged: Judged
+    prior: float
+    gap: float
+    marginal: Marginal
+    information: Float[Tensor, "n_parameter n_parameter"]
+    told: Float[Tensor, " n_parameter"]
+    n_on_bound: int = 0
+    by_noise: bool = True
+    n_modal: float = 2.0
+    n_mode: int = 1
+    comparison: Comparison = Comparison()
+
+    @property
+    def about(self) -> Found | None:
+        """How far the section of `reduced` wanders."""
+        return self.marginal.about
+
+    @property
+    def reduced_misfit(self) -> float:
+        """Mean square of the residuals over noise and nuisances as large as was said: 1 where nothing else is left."""
+        return self.judged.white
+
+    @property
+    def square(self) -> float:
+        """Their sum of squares."""
+        return self.judged.white * self.judged.n
+
+    @property
+    def cost(self) -> float:
+        """−2 ln of the likelihood times what is known beforehand, up to a constant of the measurement."""
+        return self.judged.cost + self.prior
+
+
+def settled(
+    builder: ModelBuilder,
+    model: PlateModel,
+    plain: PlateModel,
+    prior: Prior,
+    position: Tensor,
+    about: Found | None,
+    fitted_on: bool = True,
+) -> Fit:
+    """Judged where it ended, and fitted on beside nuisances as they are found there, unless told not to.
+
+    Nuisances that turn out smaller than was said are taken as small; a section that wanders by a part of a peak's width
+    is put into the model, and the rest of it is linear about that.
+    """
+    target, settings = builder.target, builder.target.settings.fitting
+    best: Fit | None = None
+    scale: Mapping[str, float] = {}
+    for turn in range(1 + settings.n_settled):
+        theta = model.space.to_si(position)
+        reduced = wandered(plain, theta, target.wandering, about)
+        marginal = target.marginal(reduced, theta, about)
+        if scale:
+            marginal = marginal.rescaled(scale)
+        if turn and len(model.names) and fitted_on:
+            problem = Problem(builder, reduced, prior, marginal)
+            position = problem.descend(position[None], target.levels - 1, settings.n_together)[0][0]
+        found = judged_beside(builder, model, reduced, prior, position, marginal)
+        # Likelihoods about a uniform section and about one that wanders are not of one kind.
+        alike = best is not None and (best.about is None) == (found.about is None)
+        if best is not None and alike and found.cost > best.cost:
+            break
+        enough = best is not None and alike and best.cost - found.cost < settings.little
+        best = found
+        smaller = {name: min(1.0, one) for name, one in found.judged.scale.items()}
+        fewer = any(one <= settings.smaller * scale.get(name, 1.0) for name, one in smaller.items())
+        further = found.judged.found is not None and (about is None or _moved(found) > settings.moved)
+        if enough or not (fewer or further):
+            break
+        if fewer:
+            scale = smaller
+        if further and found.judged.found is not None:
+            about = found.judged.found.within(settings.farthest)
+    assert best is not None
+    return best
+
+
+def _moved(fit: Fit) -> float:
+    """How far the plate's section wanders from where its fit was taken about, in widths of the peak it moves most."""
+    marginal, found = fit.marginal, fit.judged.found
+    if marginal.second is None or found is None:
+        return 0.0
+    before = torch.zeros_like(found.shift) if marginal.about is None else marginal.about.shift
+    return marginal.second.widths(found.shift - before)
+
+
+def judged_at(builder: ModelBuilder, fit: Fit, prior: Prior, position: Tensor) -> Fit:
+    """A model that was fitted beside other evidence, as it is; beside nuisances as large as any fit's are judged at."""
+    return settled(builder, fit.model, fit.reduced, prior, position, fit.about, fitted_on=False)
+
+
+def judged_beside(
+    builder: ModelBuilder,
+    model: PlateModel,
+    reduced: PlateModel,
+    prior: Prior,
+    position: Tensor,
+    marginal: Marginal,
+) -> Fit:
+    """A fitted model beside noise and nuisances."""
+    target, theta = builder.target, model.space.to_si(position)
+    prediction = expected = builder.predict(reduced, theta)
+    if marginal.about is not None:
+        prediction = builder.predict(wandered(reduced, theta, target.wandering, None), theta)
+    judged = marginal.judge(marginal.residual(target.off(expected)))
+    problem = Problem(builder, reduced, prior, marginal)
+
+    def over_noise(where: Tensor) -> Tensor:
+        off = target.off(builder.predict(reduced, reduced.space.to_si(where)))
+        return marginal.over_noise(off)
+
+    n = len(model.names)
+    if n:
+        here = over_noise(position)
+        jacobian = JACOBIANS["forward"].differentiate(over_noise, position[None], here[None])[0]
+        information = marginal.precision(jacobian.mT, judged)
+    else:
+        information = position.new_zeros(0, 0)
+    slope = _slope(model, position)
+    known = torch.zeros(n, dtype=position.dtype)
+    for name, (_, std) in prior.items():
+        if name in model.names:
+            index = model.names.index(name)
+            known[index] = (slope[index] / std) ** 2
+    told = problem.told(theta)
+    return Fit(
+        model,
+        reduced,
+        theta,
+        _covariance(information, known, slope),
+        prediction,
+        expected,
+        judged,
+        float(told.square().sum()),
+        target.whole_gap(prediction),
+        marginal,
+        information,
+        known,
+        int(model.space.at_bound(theta).sum()) if n else 0,
+        target.trusts_the_noise,
+        target.n_modal,
+        target.n_mode,
+        target.settings.comparison,
+    )
+
+
+def unfitted(builder: ModelBuilder, model: PlateModel) -> Fit:
+    """A model of numbers alone."""
+    theta = model.known.new_zeros(0)
+    corrected = builder.corrected(model, theta).model
+    return settled(builder, corrected, builder.reduced(corrected, theta[None]), {}, theta, None)
+
+
+def _slope(model: PlateModel, position: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """SI units for a unit of the cube."""
+    step = 1e-6
+    return (model.space.to_si(position + step) - model.space.to_si(position - step)) / (2 * step)
+
+
+def _covariance(information: Tensor, known: Tensor, slope: Tensor) -> Tensor:
+    """Of theta in SI units; NaN where neither the data nor anything else says something."""
+    precision = information + torch.diag(known)
+    norm = precision.diagonal().clamp(min=0.0).sqrt()
+    seen = norm > 1e-9 * norm.max().clamp(min=1e-300) if len(norm) else norm > 0
+    scaled = precision[seen][:, seen] / norm[seen] / norm[seen][:, None]
+    inverse = torch.linalg.pinv(scaled, hermitian=True, rtol=1e-10)
+    whole = precision.new_full(precision.shape, torch.nan)
+    side = slope[seen] / norm[seen]
+    whole[seen[:, None] & seen] = (inverse * side[:, None] * side).flatten()
+    return whole

@@ -1,0 +1,97 @@
+"""An effect that is named, with its parameters, its confidence and its evidence in words."""
+
+import math
+from collections.abc import Mapping
+
+from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.result import Estimate, Named
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_explained
+from torchplate.diagnosis.selection.trace import Naming, State
+
+# Of the standard normal distribution, at 95 %: nobody chose it.
+QUANTILE = 1.645
+
+
+def as_named(builder: ModelBuilder, naming: Naming, last: State) -> Named:
+    """An effect as it is reported."""
+    final = last.fit
+    hypothesis = naming.hypothesis
+    before, after = (float(builder.target.gap(one.prediction)) for one in (naming.before, hypothesis.fit))
+    found = estimates(final)
+    prefix = f"{hypothesis.label}."
+    parameters = {name.removeprefix(prefix): one for name, one in found.items() if name.startswith(prefix)}
+    equivalent = naming.known.equivalent
+    rival = naming.known.next_best
+    against = ""
+    if rival is not None:
+        rest = float(builder.target.gap(rival.fit.prediction))
+        against = f"; the next best{' in its place' if naming.again else ''}, {rival.name}, leaves {percent(rest)}"
+        against += " beside the other effects" if naming.again else ""
+    alike = f"; these data cannot tell it from {' or '.join(equivalent)}" if equivalent else ""
+    text = (
+        f"{hypothesis.name} ({_values(parameters, hypothesis)}) takes the gap from {percent(before)} to "
+        f"{percent(after)}{against}{alike}{_chance(naming)}."
+    )
+    return Named(
+        name=hypothesis.name,
+        label=hypothesis.label,
+        options=hypothesis.candidate.options,
+        equivalent=equivalent,
+        confidence=round(_confidence(naming, final, builder), 3),
+        parameters=parameters,
+        evidence=text,
+        gap_before=before,
+        gap_after=after,
+    )
+
+
+def _chance(naming: Naming) -> str:
+    """What it takes beside what chance takes, where that was asked."""
+    if naming.by_chance <= 0:
+        return ""
+    fall = naming.before.cost - naming.hypothesis.fit.cost
+    return (
+        f"; it takes {fall:.3g} from −2 ln L, of which the best of the catalogue takes "
+        f"{naming.by_chance:.3g} once in a hundred times where nothing is missing"
+    )
+
+
+def _confidence(naming: Naming, final: Fit, builder: ModelBuilder) -> float:
+    """Posterior probability of the set; of what the last model leaves unexplained it accounts for nothing."""
+    found = naming.known.confidence
+    if is_explained(final, builder.target):
+        return found
+    return found * max(0.0, 1 - final.gap / max(naming.before.gap, 1e-300))
+
+
+def _values(parameters: Mapping[str, Estimate], hypothesis: Hypothesis) -> str:
+    parts = [f"{name} {one.value:.4g}{'' if one.unit == '-' else ' ' + one.unit}" for name, one in parameters.items()]
+    parts += [f"{name} {value}" for name, value in hypothesis.candidate.options.items()]
+    return ", ".join(parts) or "no number"
+
+
+def percent(part: float) -> str:
+    """A part, in print."""
+    return f"{100 * part:.3g} %"
+
+
+def estimates(fit: Fit) -> dict[str, Estimate]:
+    """The fitted numbers with their 90 % intervals."""
+    found = {}
+    std = fit.covariance.diagonal().clamp(min=0).sqrt().tolist()
+    space = fit.model.space
+    ends = zip(space.low.tolist(), space.high.tolist(), strict=True)
+    rows = zip(fit.model.names, fit.model.units, fit.theta.tolist(), std, ends, space.logarithmic.tolist(), strict=True)
+    for name, unit, value, one, (lowest, highest), logarithmic in rows:
+        if math.isnan(one):
+            found[name] = Estimate(value, None, unit)
+            continue
+        if logarithmic and value > 0:
+            # The posterior is normal on the scale on which it was searched.
+            factor = math.exp(min(700.0, QUANTILE * one / value))
+            low, high = value / factor, value * factor
+        else:
+            low, high = value - QUANTILE * one, value + QUANTILE * one
+        found[name] = Estimate(value, one, unit, max(low, lowest), min(high, highest))
+    return found

@@ -1,0 +1,134 @@
+"""Residuals of one hypothesis on the unit cube, and the ways down from several starts."""
+
+from collections.abc import Mapping
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.discrepancy.marginal import Marginal
+from torchplate.model import PlateModel
+from torchplate.search.least_squares import least_squares
+
+Prior = Mapping[str, tuple[float, float]]
+
+
+class Problem:
+    """Residuals of a model on the unit cube.
+
+    Args:
+        builder: what evaluates it.
+        model: whose searched parameters are fitted, in a basis.
+        prior: "label.parameter" → mean and standard deviation.
+        marginal: noise and nuisances, for the sharp level.
+    """
+
+    def __init__(
+        self, builder: ModelBuilder, model: PlateModel, prior: Prior, marginal: Marginal | None = None
+    ) -> None:
+        self.builder, self.model, self.marginal = builder, model, marginal
+        self._roughly = model.without_coupling()
+        known = [(model.names.index(name), *told) for name, told in prior.items() if name in model.names]
+        self._index = [index for index, _, _ in known]
+        self._mean, self._std = (model.known.new_tensor([row[k] for row in known]) for k in (1, 2))
+
+    @property
+    def knows(self) -> bool:
+        """Whether something is known beforehand."""
+        return bool(self._index)
+
+    @property
+    def target(self) -> FrfTarget:
+        """What it is held against."""
+        return self.builder.target
+
+    def residual(self, position: Float[Tensor, "*batch n"], level: int) -> Float[Tensor, "*batch n_residual"]:
+        """Deviations at a level; at the sharp one with those from what is known beforehand."""
+        theta = self.model.space.to_si(position)
+        return self.deviations(self.predict(theta, level), theta, level)
+
+    def predict(self, theta: Float[Tensor, "*batch n"], level: int) -> Tensor:
+        """What the model says at a level: at the wide ones roughly."""
+        sharp = level == self.target.levels - 1
+        return self.builder.predict(self.model if sharp else self._roughly, theta, level)
+
+    def deviations(
+        self, prediction: Tensor, theta: Float[Tensor, "*batch n"], level: int
+    ) -> Float[Tensor, "*batch n_residual"]:
+        """Those of a prediction at a level, and of these parameters from what is known beforehand.
+
+        At the wide levels a smoothed residual is about 1, whatever the noise: the latter weigh a part of all of them.
+        """
+        sharp = level == self.target.levels - 1
+        if sharp:
+            assert self.marginal is not None
+            found = self.marginal.whitened(self.marginal.residual(self.target.off(prediction)))
+        else:
+            found = self.target.residual(prediction, level)
+        if not self._index:
+            return found
+        # Where the level of what is left is not known, it scales what is known beforehand.
+        by_level = 1.0 if self.target.trusts_the_noise else self.target.settings.selecting.doubtful**0.5
+        weight = by_level if sharp else self.target.settings.wide.told * found.shape[-1] ** 0.5
+        return torch.cat([found, weight * self.told(theta)], dim=-1)
+
+    def told(self, theta: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n_prior"]:
+        """Deviations from what is known beforehand, over its standard deviation."""
+        return (theta[..., self._index] - self._mean) / self._std
+
+    def descend(
+        self, start: Float[Tensor, "n_start n"], level: int, n_iteration: int, damping: float | None = None
+    ) -> tuple[Float[Tensor, "n_start n"], Float[Tensor, " n_start"], Float[Tensor, "n_start n_residual n"]]:
+        """Places where least squares ends, half their sums of squares, and the Jacobians there.
+
+        Args:
+            start: positions.
+            level: of the residuals.
+            n_iteration: at most.
+            damping: of the first step at the sharp level; as usual where it is left out.
+        """
+        wide, sharp = self.target.settings.wide, self.target.settings.fitting
+        is_wide = level < self.target.levels - 1
+        found = least_squares(
+            lambda position: self.residual(position, level),
+            start.clamp(0.0, 1.0),
+            jacobian="forward",
+            n_iteration=n_iteration,
+            objective_tolerance=wide.tolerance if is_wide else sharp.tolerance,
+            # Rounding on the unit cube.
+            step_tolerance=1e-7,
+            damping=wide.damping if is_wide else sharp.damping if damping is None else damping,
+        )
+        return found.position, found.objective, found.jacobian
+
+    def descend_sharply(
+        self, start: Float[Tensor, "n_start n"], damping: float
+    ) -> tuple[Float[Tensor, "n_end n"], Float[Tensor, " n_end"], Float[Tensor, "n_end n_residual n"]]:
+        """Where least squares ends at the sharp level, from the best of several starts to the end."""
+        level, settings = self.target.levels - 1, self.target.settings.fitting
+        if len(start) == 1:
+            return self.descend(start, level, settings.n_iteration, damping)
+        places, values, _ = self.descend(start, level, settings.n_together, damping)
+        rest = settings.n_iteration - settings.n_together
+        return self.descend(places[values.argmin()][None], level, rest, damping)
+
+
+def widely(
+    problem: Problem, start: Float[Tensor, "n_start n"], keep: int = 1
+) -> tuple[Float[Tensor, "n_kept n"], Float[Tensor, " n_kept"]]:
+    """The best ends of several starts after all wide levels, best first, and their sums of squares at the last."""
+    value = start.new_zeros(len(start))
+    for level in range(problem.target.levels - 1):
+        start, value = one_level(problem, start, level, keep)
+    return start[:keep], value[:keep]
+
+
+def one_level(
+    problem: Problem, start: Float[Tensor, "n_start n"], level: int, keep: int
+) -> tuple[Float[Tensor, "n_kept n"], Float[Tensor, " n_kept"]]:
+    """The better half of the ends at one wide level, `keep` of them at least, and half their sums of squares."""
+    end, value, _ = problem.descend(start, level, problem.target.settings.wide.n_iteration[level])
+    kept = value.argsort()[: max(keep, len(start) // 2)]
+    return end[kept], value[kept]

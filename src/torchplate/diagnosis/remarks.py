@@ -1,0 +1,100 @@
+"""What is missing still, and what is remarked beside the verdict."""
+
+from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.localisation.localise import localise
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.naming import percent
+from torchplate.diagnosis.problem import Prior
+from torchplate.diagnosis.result import Verdict
+from torchplate.diagnosis.selection.criterion import excessive
+from torchplate.diagnosis.selection.trace import State, Trace
+from torchplate.diagnosis.settings import SETTINGS
+from torchplate.measurement.noise import Noise
+
+# What the nuisances are called.
+NUISANCES = {
+    "position_std": "hits and sensors off their marks",
+    "calibration_std": "errors of calibration",
+    "frequency_drift": "a drift of the natural frequencies",
+    "damping_scatter": "a scatter of the modes' damping",
+    "thickness": "a thickness that wanders over the plate",
+    "modulus": "a modulus that wanders over the plate",
+    "grain": "a grain",
+    "mesh": "an error of the mesh",
+}
+
+
+def missing_still(builder: ModelBuilder, noise: Noise, final: State, verdict: Verdict) -> tuple[str, ...]:
+    """What is left without a name: how big, where, in which band, of which kind."""
+    target = builder.target
+    if verdict in ("consistent", "explained"):
+        return ()
+    gap = float(target.gap(final.fit.prediction))
+    left = localise(
+        target.measurement,
+        target.variance.sqrt(),
+        final.fit.prediction,
+        final.fit.reduced,
+        final.fit.theta,
+        target.heldout,
+    )
+    expected = target.expected_gap(final.fit.marginal)
+    size = (
+        f"A gap of {percent(gap)} is left, where noise alone makes {percent(noise.floor)}, and noise and the "
+        f"imperfections of the test as large as was said make {percent(expected)}."
+    )
+    return (size, *would_take(final.fit), *left.sentences)
+
+
+def would_take(fit: Fit) -> tuple[str, ...]:
+    """How large noise and nuisances would have to be to explain what is left."""
+    parts = [
+        f"{NUISANCES.get(name, name)} {scale:.1f} times as large as was said" for name, scale in excessive(fit).items()
+    ]
+    if fit.judged.noise_scale**2 > fit.comparison.noise_limit:
+        parts.append(f"noise {fit.judged.noise_scale:.1f} times as large as it was found to be")
+    return (f"To explain it without any effect would take {', and '.join(parts)}.",) if parts else ()
+
+
+def all_remarks(noise: Noise, final: State, prior: Prior) -> tuple[str, ...]:
+    """On the noise, on what is known beforehand, and on what sits on the edge of its interval."""
+    sentences = list(noise.sentences)
+    model, theta = final.fit.model, final.fit.theta
+    values = dict(zip(model.names, theta.tolist(), strict=True))
+    for name, (mean, std) in prior.items():
+        if name in values and abs(values[name] - mean) > final.fit.comparison.size_limit * std:
+            sentences.append(
+                f"{name} ends at {values[name]:.4g}, {abs(values[name] - mean) / std:.1f} standard deviations from the "
+                f"{mean:.4g} that is known of it: do not believe it; something else is missing."
+            )
+    if len(model.names):
+        rigid = _still_rigid(final)
+        for name, on in zip(model.names, model.space.at_bound(theta).tolist(), strict=True):
+            if on and name not in rigid:
+                sentences.append(f"{name} sits on the edge of its interval: widen it, or take it as a sign.")
+    return tuple(sentences)
+
+
+def nothing_but_chance(seen: Trace) -> tuple[str, ...]:
+    """What the best of the catalogue would take where nothing was named, beside what chance takes."""
+    if seen.final.named or not seen.rankings or seen.rankings[0].by_chance <= 0 or not seen.rankings[0].hypotheses:
+        return ()
+    ranked = seen.rankings[0]
+    best = min(ranked.hypotheses, key=lambda one: one.cost)
+    fall = max(0.0, seen.baseline.fit.cost - best.fit.cost)
+    return (
+        f"The best of the catalogue, {best.name}, would take {fall:.3g} from −2 ln L; where nothing is "
+        f"missing, the best takes {ranked.by_chance:.3g} once in a hundred times.",
+    )
+
+
+def _still_rigid(final: State) -> set[str]:
+    """Stiffnesses of a held edge that yields otherwise: these may be as large as they can."""
+    values = dict(zip(final.fit.model.names, final.fit.theta.tolist(), strict=True))
+    return {
+        name
+        for naming in final.named
+        if naming.hypothesis.candidate.replaces
+        for key, neutral in naming.hypothesis.candidate.neutral.items()
+        if values.get(name := f"{naming.hypothesis.label}.{key}", 0.0) > SETTINGS.trials.softer * neutral
+    }

@@ -1,0 +1,147 @@
+"""Meshes, levels, and how one hypothesis is fitted."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """A mesh, and what is left of its error once that is extrapolated.
+
+    Args:
+        least: elements, at least [-]; the mesh twice as fine is used for the extrapolation alone.
+        part: of a natural frequency's mesh error that is left [-].
+        shift: of a natural frequency that is left in any case, relative [-].
+        shape: of `Meshes.shape` that is left [-].
+        place: by which lines of equal deflection are off, in sides of an element [-]: what is left is of the second
+            order in a side, and a deflection over its slope is a place.
+    """
+
+    least: int
+    part: float
+    shift: float
+    shape: float
+    place: float
+
+
+@dataclass(frozen=True)
+class Meshes:
+    """Meshes, bases, and what they leave.
+
+    Args:
+        searching: where effects are looked for.
+        settling: where the last model is settled.
+        margin: modes kept in a basis, in multiples of the band's end [-].
+        corrected: modes whose mesh error is taken off, likewise [-]: what higher ones leave of theirs is of the second
+            order in the size of the elements, and shows between resonances.
+        rounding: what the basis and the solver leave, relative to the FRF [-].
+        shape: what the mesh leaves of the modes' deflections and of the static flexibility, relative to the level
+            around a line, at the low and at the high end of the band [-].
+    """
+
+    searching: Fineness = Fineness(256, 0.02, 3e-5, 1.0, 2.5e-3)
+    settling: Fineness = Fineness(576, 0.01, 1e-5, 0.5, 1.7e-3)
+    margin: float = 3.0
+    corrected: float = 5.0
+    rounding: float = 5e-4
+    shape: tuple[float, float] = (4e-4, 1.8e-3)
+
+
+@dataclass(frozen=True)
+class WideLevels:
+    """The levels at which spectra are smoothed, from the widest to the narrowest; the sharp one comes after them.
+
+    Args:
+        widths: half-widths of the kernel, relative to the frequency [-].
+        n_iteration: of least squares at each [-]: enough to see which starts lead somewhere.
+        tolerance: relative fall of the sum of squares at which it has come to rest [-].
+        damping: of its first step [-].
+        per_width: lines of a smoothed spectrum for each half-width [-].
+        least: every how many-th line is smoothed, so that there are no fewer than this [-].
+        around: the level around a line is taken over this part of its frequency on either side [-].
+        most_mixed: FRFs that are smoothed, at most [-]: more are mixed to so many.
+        told: a parameter off by its standard deviation weighs as much as this part of all that is measured [-].
+        screened: the level at which candidates are scored where peaks do not overlap, counted from 0 [-].
+    """
+
+    widths: tuple[float, ...] = (0.05, 0.02, 0.007)
+    n_iteration: tuple[int, ...] = (3, 4, 6)
+    tolerance: float = 1e-2
+    damping: float = 1e-2
+    per_width: float = 1.3
+    least: int = 350
+    around: float = 0.08
+    most_mixed: int = 10
+    told: float = 0.05
+    screened: int = 1
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """The fit of one hypothesis at the sharp level.
+
+    Args:
+        n_iteration: of least squares [-].
+        tolerance: relative fall of the sum of squares at which it has come to rest [-].
+        n_together: of several starts the best goes on alone after so many of them [-].
+        damping: of the first steps [-].
+        free: of those at the end, where something is known beforehand [-]: valleys that only this makes unlevel are
+            long.
+        n_basis: bases built for one fit [-].
+        settled: relative change of the misfit at which the last basis is good [-].
+        falling: where the misfit still falls to this part with each basis [-], there are more of them: nuisances are
+            linear about where each begins.
+        most_bases: built then, at most [-].
+        n_settled: times that a fit goes on beside nuisances as they are found [-].
+        smaller: part of what was said that a nuisance has to be for that [-].
+        moved: or part of a peak's width by which the section has to move a mode [-].
+        little: fall of −2 ln L that is worth no further time [-].
+        farthest: a term of a section is put into the model with so many standard deviations at most [-]: a twentieth
+            of its thickness.
+    """
+
+    n_iteration: int = 12
+    tolerance: float = 1e-4
+    n_together: int = 5
+    damping: float = 1e-3
+    free: float = 1e-9
+    n_basis: int = 3
+    settled: float = 2e-2
+    falling: float = 0.85
+    most_bases: int = 8
+    n_settled: int = 4
+    smaller: float = 0.5
+    moved: float = 0.3
+    little: float = 1.0
+    farthest: float = 10.0
+
+
+@dataclass(frozen=True)
+class Searching:
+    """The box that is searched, and the basins in it.
+
+    Args:
+        reach: how far a number that is known may leave its value, in standard deviations [-].
+        least: what must stay above zero stays above this part of itself [-].
+        n_spread: members spread over the box [-]; over the box and a prior together twice as many.
+        n_descend: those that go down from there [-].
+        n_basin: basins that are fitted to their end [-].
+        same: ends of the wide levels that lie nearer on the unit cube are one basin [-].
+        hopeless: what leaves so many times as much as the best so far is not followed to its end [-].
+        wide_prior: an effect of the whole plate whose prior spans more than this factor [-] is looked for all over its
+            prior and the box together, where the model is doubted.
+        n_far: members that go down then [-].
+        n_plates: members whose modes make the basis then [-].
+        n_kept: ends of them that are kept [-].
+    """
+
+    reach: float = 5.0
+    least: float = 0.1
+    n_spread: int = 96
+    n_descend: int = 12
+    n_basin: int = 4
+    same: float = 0.05
+    hopeless: float = 4.0
+    wide_prior: float = 10.0
+    n_far: int = 16
+    n_plates: int = 6
+    n_kept: int = 3

@@ -1,0 +1,91 @@
+"""FRFs by modes, and how they change with what changes a mode, the matrices of a plate, or its supports."""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from torchplate.model import PlateModel
+from torchplate.model.frf import modal_denominator
+from torchplate.model.modes import solve_modes
+from torchplate.plate import Plan
+
+# Modes up to this multiple of the band's end are followed where the plate changes: higher ones answer as a spring does.
+REACH = 1.6
+
+
+class Modal(NamedTuple):
+    """A model's reading taken apart into modes.
+
+    Attributes:
+        eigenvalue: λ [rad²/s²].
+        shape: Φ, over the rows of the model's matrices.
+        kappa: what λ is times in the denominator.
+        damping: the part of the denominator that damps [rad²/s²].
+        denominator: z.
+        left: Φ at the responses.
+        right: at the references.
+        n_low: modes that a change of the plate is followed through.
+    """
+
+    eigenvalue: Float[Tensor, " n_mode"]
+    shape: Float[Tensor, "n n_mode"]
+    kappa: Complex[Tensor, "n_frequency n_mode"]
+    damping: Complex[Tensor, "n_frequency n_mode"]
+    denominator: Complex[Tensor, "n_frequency n_mode"]
+    left: Float[Tensor, "n_response n_mode"]
+    right: Float[Tensor, "n_reference n_mode"]
+    n_low: int
+
+
+def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, reference: Tensor | None) -> Modal:
+    """A model's reading at some lines taken apart."""
+    system = model.assembly.system(*plan)
+    eigenvalue, shape = solve_modes(system.stiffness, system.mass)
+    real, imaginary = modal_denominator(eigenvalue, system.proportional, laplace)
+    denominator = torch.complex(real, imaginary)
+    if len(system.viscous):
+        own = (system.viscous[:, None] * (system.dashpot @ shape).square()).sum(0)
+        denominator = denominator + laplace[:, None] * own
+    if system.hysteretic is not None:
+        denominator = denominator + 1j * (shape * (system.hysteretic @ shape)).sum(0)
+    plain = eigenvalue + laplace[:, None].square()
+    kappa, _ = system.proportional.at(laplace)
+    left = model.assembly.rows(model.mesh.deflection_at(response)) @ shape
+    right = model.excitation(plan, reference) @ shape
+    n_low = int((eigenvalue < (REACH * float(laplace.imag.max())) ** 2).sum())
+    kappa = kappa[:, None].expand_as(denominator)
+    return Modal(eigenvalue, shape, kappa, denominator - plain, denominator, left, right, n_low)
+
+
+def sum_of_modes(modal: Modal, left: Tensor, right: Tensor, weight: Tensor | None = None) -> Tensor:
+    """Σ_m l_m r_m weight_m / z_m at every line, for all pairs of rows."""
+    inverse = (1 if weight is None else weight) / modal.denominator
+    pairs = (left[:, None] * right[None]).flatten(0, 1)
+    return (inverse @ pairs.mT.to(inverse)).unflatten(-1, (len(left), len(right)))
+
+
+def of_mode(modal: Modal, m: Tensor, change: Tensor) -> Tensor:
+    """What a change of one mode's denominator does to the receptances."""
+    outer = modal.left[:, m, None] * modal.right[None, :, m]
+    return -(change / modal.denominator[:, m].square())[:, None, None] * outer
+
+
+def through_matrices(modal: Modal, stiffness: Tensor, mass: Tensor, laplace: Tensor) -> Tensor:
+    """What changes of stiffness and mass, in modal coordinates, do to the receptances."""
+    n_line = len(laplace)
+    n_low = modal.n_low
+    inverse = 1 / modal.denominator[:, None, :n_low]
+    left, right = modal.left[None, :, :n_low] * inverse, modal.right[None, :, :n_low] * inverse
+    fewer, more, swapped = (left, right, False) if left.shape[1] <= right.shape[1] else (right, left, True)
+    kappa, square = modal.kappa[:, :1, None], laplace.square()[:, None, None]
+    flat = fewer.reshape(-1, fewer.shape[-1])
+    parts = [times_real(flat, one).unflatten(0, (n_line, -1)) for one in (stiffness, mass)]
+    change = -((kappa * parts[0] + square * parts[1]) @ more.mT)
+    return change.mT if swapped else change
+
+
+def times_real(complex_rows: Tensor, real: Tensor) -> Tensor:
+    """Complex rows times a real matrix."""
+    return torch.complex(complex_rows.real @ real, complex_rows.imag @ real)
