@@ -12,7 +12,7 @@ import torch
 import torchplate as tp
 from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.selection.forward import ForwardSelection
-from torchplate.diagnosis.selection.trace import State
+from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.measurement import PERFECT, NaturalFrequencies
 from torchplate.model import PlateModel, Searched, extrapolate
@@ -292,8 +292,9 @@ def test_a_baseline_that_stopped_too_soon_is_taken_up_from_where_an_effect_led(l
     stuck = judged_at(selection.builder, end, {}, model.space.to_cube(torch.tensor([2.15e11, 1e-2]).double()))
     assert stuck.reduced_misfit > 20 * end.reduced_misfit
     # An effect let the plate's own parameters go where they belong: without it they do as well.
-    lower = selection._lower(State(model, stuck), State(model, end))
+    ranked = Ranked((), (), 15.0)
+    lower = selection._lower(State(model, stuck), State(model, end), ranked)
     assert lower.fit.square == pytest.approx(end.square, rel=1e-3)
     assert any("without it" in one for one in said)
     # Where it had come to its end, nothing is taken up.
-    assert selection._lower(State(model, end), State(model, end)) is None
+    assert selection._lower(State(model, end), State(model, end), ranked) is None

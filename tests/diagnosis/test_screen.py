@@ -105,11 +105,13 @@ def test_everything_that_may_be_missing_has_a_score_between_nothing_and_all(tabl
 def test_starts_of_one_candidate_lie_apart(table):
     first = table[0]
     x, y = (first.model.names.index(f"{first.label}.{axis}") for axis in "xy")
-    assert len(first.starts) > 1
-    for a in range(len(first.starts)):
+    # The last is the best place once more, the rest of the model where it is.
+    assert len(first.starts) > 2
+    assert torch.equal(first.starts[-1, [x, y]], first.starts[0, [x, y]])
+    for a in range(len(first.starts) - 1):
         for b in range(a):
             away = first.starts[a, [x, y]] - first.starts[b, [x, y]]
-            assert float(away.norm()) > 0.15
+            assert float(away.norm()) > 0.14
 
 
 @pytest.mark.parametrize("gain", [0.96, 1.05])

@@ -146,8 +146,9 @@ def test_a_mode_that_the_mesh_may_have_moved_is_no_surprise(lab, plate, true):
     assert square(here, plate, moved) > 15 * 1700
     allowed = here.with_mesh_error(torch.full_like(LINES, 2e-3), 1.0, 8)
     assert square(allowed, plate, moved) < 1700
-    # A level that is off is no mesh error, and a target that was not told of any stays as it was.
-    assert square(allowed, plate, 1.05 * true) > 5 * 1700
+    # A level 5 % off is no mesh error: shared by five channels it is 0.03² · 2 + 0.02² · 3 over their (1.8e-3)².
+    assert square(allowed, plate, 1.05 * true) > 800
+    # A target that was not told of any stays as it was.
     assert square(here, plate, moved) > 15 * 1700
     assert bool((allowed.variance >= here.variance).all())
     # Of each of eight modes a frequency, a damping, and a deflection at each of six FRFs.

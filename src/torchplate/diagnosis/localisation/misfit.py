@@ -70,6 +70,8 @@ class Misfit(NamedTuple):
                 runs.append([index, index])
             runs[-1][1] = index
         total = float(line.sum())
+        # One line alone is a band as far as its neighbours.
+        runs = [run if run[0] < run[1] else [max(0, run[0] - 1), min(len(line) - 1, run[1] + 1)] for run in runs]
         found = [
             Band(float(frequency[low]), float(frequency[high]), float(line[low : high + 1].sum()) / total)
             for low, high in runs

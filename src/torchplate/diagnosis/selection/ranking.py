@@ -57,8 +57,9 @@ class Ranking:
         screening, selecting = self.settings.screening, self.settings.selecting
         if gap < screening.overlapping or misfit <= screening.nearly_right:
             promises, by_chance = self._nearby(state, base, everyone)
-            # Where nothing but noise is left, refitting the best two is a check.
-            wanted = selecting.n_best if is_noise(state.fit) else screening.n_sharp
+            # Where nothing but noise is left, and the best promises no more than chance does, the best two are a check.
+            best = promises[0].drop * state.fit.square if promises else 0.0
+            wanted = selecting.n_best if is_noise(state.fit) and best <= by_chance else screening.n_sharp
             chosen = [(promise, promise.starts) for promise in promising(promises, wanted, screening)]
         hypotheses: list[Hypothesis] = []
         if misfit > screening.nearly_right:
