@@ -30,7 +30,15 @@ if TYPE_CHECKING:
     from torchplate.diagnosis import Diagnosis, diagnose
     from torchplate.effects import CATALOGUE
     from torchplate.identification import Result, identify
-    from torchplate.measurement import Measurement, read_measurement, write_uff
+    from torchplate.measurement import (
+        Measurement,
+        ModalModel,
+        modes,
+        read_measurement,
+        read_modal_model,
+        write_modal_model,
+        write_uff,
+    )
     from torchplate.model import PlateModel, reduce
     from torchplate.search import (
         OPTIMIZERS,
@@ -55,6 +63,7 @@ __all__ = [
     "Jde",
     "LShade",
     "Measurement",
+    "ModalModel",
     "Outcome",
     "PlateModel",
     "Result",
@@ -65,8 +74,11 @@ __all__ = [
     "identify",
     "load_model",
     "minimize",
+    "modes",
     "read_measurement",
+    "read_modal_model",
     "reduce",
+    "write_modal_model",
     "write_uff",
 ]
 
@@ -75,7 +87,15 @@ _HOME = {
     "diagnosis": ("Diagnosis", "diagnose"),
     "effects": ("CATALOGUE",),
     "identification": ("Result", "identify"),
-    "measurement": ("Measurement", "read_measurement", "write_uff"),
+    "measurement": (
+        "Measurement",
+        "ModalModel",
+        "modes",
+        "read_measurement",
+        "read_modal_model",
+        "write_modal_model",
+        "write_uff",
+    ),
     "model": ("PlateModel", "reduce"),
     "search": (
         "OPTIMIZERS",

@@ -30,7 +30,7 @@ EXPECTED = {
     "non_ascii_header.uff": ("frequency response function", "6 values, 0 to 0.976565 Hz"),
     "sample_dataset58_psd.uff": ("power spectral density", "3201 values, uneven spacing", "natural_frequencies"),
     "time-history-not-all-columns-filled.uff": ("time response", "20000 Hz", "m/s²"),
-    "uff55_translation.uff": ("3 of a normal mode", "10 Hz, 12 Hz, 13 Hz", "{4: 10, 5: 12, 6: 13, ...}"),
+    "uff55_translation.uff": ("3 of a normal mode", "10 Hz, 12 Hz, 13 Hz", "{modal_model: {file: uff55"),
 }  # fmt: skip
 
 

@@ -4,7 +4,7 @@
   with pydantic); `reference`, `catalogue`: the same for people, and the catalogue of effects.
 - `build`: from a config to model, evidence and optimiser; `memory`: whether its mesh fits the machine.
 - `new`, `new_text`: from a measurement file to a commented config, and its words.
-- `frf`: from time records of hits to FRFs.
+- `frf`: from time records of hits to FRFs; `modes`: from FRFs to a modal model.
 - `run`, `compare`, `simulate`, `inspect`, `diagnose`: the verbs.
 - `ranks`: the processes of torchrun that share the search of a run.
 - `folder`: where a run is written and what it is resumed from; `occupied`: by one command at a time; `writing`: files

@@ -20,17 +20,20 @@ from torchplate.cli.config import (
     unknown_key,
 )
 from torchplate.cli.memory import complaint
-from torchplate.discrepancy import OBJECTIVES, Evidence, Objective
+from torchplate.discrepancy import OBJECTIVES, Evidence, ModalEvidence, Objective
 from torchplate.effects import Effect, Parameter, find_effect, options
 from torchplate.measurement import (
+    Channel,
     Frame,
     Imperfections,
     Measurement,
+    ModalModel,
     NaturalFrequencies,
     Placement,
     in_frame,
     place,
     read_measurement,
+    read_modal_model,
     read_nodes,
     with_nodes,
 )
@@ -187,7 +190,42 @@ class Run:
         sides = settings.length_x.value, settings.length_y.value
         return self.told("measurement.file", lambda: place(frfs, *sides, settings.n_x, settings.n_y))
 
-    def evidence(self) -> Evidence:
+    @functools.cached_property
+    def modal_model(self) -> ModalModel | None:
+        """The modes of the modal model's file within the band, its points on the plate; None where there is none."""
+        settings = self.config.measurement
+        if settings.modal_model is None:
+            return None
+        path = self.path.parent / settings.modal_model.file
+        frame = self.told("measurement.frame", lambda: Frame(**(settings.frame or FrameConfig()).model_dump()))
+        found = self.told("measurement.modal_model", lambda: read_modal_model(path, frame.normal))
+        if settings.nodes is not None:
+            table = self.path.parent / settings.nodes
+            nodes = self.told("measurement.nodes", lambda: read_nodes(table))
+            if missing := sorted({one.node for one in found.point} - set(nodes)):
+                raise self.error(
+                    "measurement.nodes",
+                    f"Expected every point of the mode shapes, got none of {missing[:6]}. Add them.",
+                )
+            found = found.with_points(lambda one: dataclasses.replace(one, coordinate=nodes[one.node]))
+        if settings.frame is not None:
+            found = found.with_points(lambda one: _moved(one, frame))
+        if settings.band is not None:
+            band = settings.band
+            found = self.told("measurement.band", lambda: found.band(*band))
+        return found
+
+    def modal_evidence(self, model: PlateModel) -> ModalEvidence | None:
+        """The same as evidence on a plate."""
+        settings, modal = self.config.measurement.modal_model, self.modal_model
+        if settings is None or modal is None:
+            return None
+        return self.told(
+            "measurement.modal_model",
+            lambda: ModalEvidence.of(model, modal, settings.frequency_std, settings.shape_std),
+        )
+
+    def evidence(self, model: PlateModel) -> Evidence:
         """What the run compares the model with."""
         settings = self.config.measurement
         table = None
@@ -197,10 +235,12 @@ class Run:
             table = self.told(
                 "measurement.natural_frequencies", lambda: NaturalFrequencies.from_mapping(values, spread)
             )
-        frfs = self.measurement()
-        if frfs is None and table is None:
+        frfs, modal = self.measurement(), self.modal_evidence(model)
+        if frfs is None and table is None and modal is None:
             raise self.error("measurement", "Expected a file or natural_frequencies, got neither. Add one of them.")
-        return Evidence(frfs, table, settings.gain == "unknown", settings.n_average)
+        return self.told(
+            "measurement", lambda: Evidence(frfs, table, settings.gain == "unknown", settings.n_average, modal)
+        )
 
     def remarks(self, model: PlateModel) -> tuple[str, ...]:
         """What a user must know before a search, one sentence each.
@@ -217,9 +257,13 @@ class Run:
         frfs, table = self.measurement(), settings.natural_frequencies
         if frfs is not None:
             found = [self.placement(frfs).remark, *frfs.notes, *found]
+        if (modal := self.modal_evidence(model)) is not None:
+            found = [modal.remark, *modal.modal.notes, *found]
         if frfs is not None or table is not None:
-            evidence = self.evidence()
+            evidence = self.evidence(model)
             found += disagreements(model, evidence.measurement, evidence.natural_frequencies, evidence.gain_is_unknown)
+        if modal is not None:
+            found += disagreements(model, table=modal.table(model))
         return (*self.dropped, *found)
 
     def imperfections(self) -> Imperfections:
@@ -233,7 +277,7 @@ class Run:
         """The function of theta that the run minimises."""
         if self.config.objective.kind not in OBJECTIVES:
             raise self.error("objective.kind", unknown_key(self.config.objective.kind, OBJECTIVES, "objective"))
-        evidence = self.evidence()
+        evidence = self.evidence(model)
         if (table := evidence.natural_frequencies) is not None and int(table.mode.max()) > model.assembly.size:
             raise self.error(
                 "measurement.natural_frequencies",
@@ -311,6 +355,13 @@ class Run:
         except (ValueError, KeyError, TypeError, FileNotFoundError) as error:
             text = str(error.args[0]) if error.args else str(error)
             raise self.error(key, text) from error
+
+
+def _moved(channel: Channel, frame: Frame) -> Channel:
+    """A channel with its coordinates in the plate's own axes."""
+    if channel.coordinate is None:
+        return channel
+    return dataclasses.replace(channel, coordinate=frame.on_plate(channel.coordinate))
 
 
 def _parameters(kind: type[Effect], fixed: Mapping[str, Any]) -> Mapping[str, Parameter]:

@@ -60,8 +60,8 @@ def diagnose(
     recipe.check_memory(finer=2)  # that the mesh error is taken off by
     where = device_named(device)
     model = recipe.model_as_given().to(where)
-    evidence = recipe.evidence()
-    if evidence.measurement is not None and evidence.natural_frequencies is not None:
+    evidence = recipe.evidence(model)
+    if evidence.measurement is not None and (evidence.natural_frequencies or evidence.modal_model) is not None:
         raise recipe.error(
             "measurement",
             "Expected FRFs or natural frequencies for a diagnosis, got both. Take one of them out.",
@@ -80,7 +80,12 @@ def diagnose(
         for note in recipe.remarks(model):
             console.print(f"  Note: {note}", markup=False, highlight=False, soft_wrap=True)
         measurement = None if evidence.measurement is None else evidence.measurement.to(where)
-        table = None if evidence.natural_frequencies is None else evidence.natural_frequencies.to(where)
+        table = evidence.natural_frequencies
+        if (modal := evidence.modal_model) is not None:
+            table = modal.table(
+                model, lambda text: console.print(f"  {text}", markup=False, highlight=False, soft_wrap=True)
+            )
+        table = None if table is None else table.to(where)
         found = find_missing(
             model,
             measurement,

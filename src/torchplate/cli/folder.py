@@ -161,6 +161,10 @@ def relocated(recipe: Run, folder: Path) -> dict[str, Any]:
         if given is not None:
             seen = os.path.relpath((recipe.path.parent / given).resolve(), folder.resolve())
             raw["measurement"] = dict(raw["measurement"]) | {key: seen}
+    if (modal := recipe.config.measurement.modal_model) is not None:
+        seen = os.path.relpath((recipe.path.parent / modal.file).resolve(), folder.resolve())
+        moved = dict(raw["measurement"]["modal_model"]) | {"file": seen}
+        raw["measurement"] = dict(raw["measurement"]) | {"modal_model": moved}
     return raw
 
 

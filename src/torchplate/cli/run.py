@@ -81,7 +81,8 @@ def run(
     check_free(folder, "run", force=force, resume=resume)
     model = recipe.model().to(device_named(device if ranks is None else ranks.device))
     measured = recipe.config.measurement
-    alone = not model.names and measured.file is None and measured.natural_frequencies is None
+    given = (measured.file, measured.natural_frequencies, measured.modal_model)
+    alone = not model.names and all(one is None for one in given)
     objective = None if alone else recipe.objective(model)
     if ranks is not None and isinstance(optimizer, LeastSquares):
         raise recipe.error(
@@ -279,6 +280,12 @@ def _say(console: Console, folder: Path, result: dict[str, Any], sentences: Sequ
                 name, f"{entry['value']:.6g}", std, entry["unit"], "on its bound" if entry["at_bound"] else ""
             )
         console.print(table)
+    if "modes" in result:
+        table = Table("mode", "measured [Hz]", "model [Hz]", "MAC", box=None, padding=(0, 2))
+        for pair in result["modes"]:
+            hertzs = f"{pair['measured_hz']:.2f}", f"{pair['model_hz']:.2f}"
+            table.add_row(str(pair["mode"]), *hertzs, f"{pair['mac']:.3f}")
+        console.print(table)
     console.print(f"  {result['objective_kind']} {result['objective']:.6g}. {result['fit']}")
     console.print(f"  {result['optimizer']}: {result['status']}" if result["parameters"] else f"  {result['status']}")
     for sentence in sentences:
@@ -293,6 +300,8 @@ def _described(objective: Objective) -> str:
         parts.append(f"{len(frfs.pairs)} FRFs ({frfs.kind}), {len(frfs.frequency)} lines, {first:g} to {last:g} Hz")
     if evidence.natural_frequencies is not None:
         parts.append(f"{len(evidence.natural_frequencies.mode)} natural frequencies")
+    if (modal := evidence.modal_model) is not None:
+        parts.append(f"{len(modal.modal.frequency)} modes with shapes at {len(modal.place)} points")
     names = ", ".join(objective.model.names) or "nothing"
     return f"{' and '.join(parts)}; searching {names}"
 

@@ -113,6 +113,26 @@ class FrameConfig(_Strict):
     )
 
 
+class ModalModelConfig(_Strict):
+    """Natural frequencies with their mode shapes. Its points are placed by `nodes` and `frame`, as channels are."""
+
+    file: Path = key(
+        ".uff or .unv (datasets 55 or 2414), or a table .csv; counts from the config's folder", example="modes.uff"
+    )
+    frequency_std: float | None = key(
+        "standard deviation of the frequencies, relative; 0.001 where nothing is said",
+        example=0.002,
+        default=None,
+        gt=0,
+    )
+    shape_std: float | None = key(
+        "standard deviation of the shapes, √(1 − MAC); 0.1 where nothing is said, a MAC of 0.99",
+        example=0.05,
+        default=None,
+        gt=0,
+    )
+
+
 class MeasurementConfig(_Strict):
     """What was measured, and where. `response` and `reference` stand in where no file names them."""
 
@@ -141,6 +161,11 @@ class MeasurementConfig(_Strict):
         "mode number, counted from 1 with the rigid-body modes: frequency; alone or beside a file",
         "Hz",
         example={4: 68.4, 5: {"value": 97.1, "std": 0.1}},
+        default=None,
+    )
+    modal_model: ModalModelConfig | None = key(
+        "frequencies and mode shapes, paired with the model's by MAC; alone or beside a file; see below",
+        example={"file": "modes.uff"},
         default=None,
     )
     response: list[int | tuple[float, float]] | None = key(

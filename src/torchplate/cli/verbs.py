@@ -214,6 +214,23 @@ def _frf(parsed: Parsed) -> None:
     frf(parsed.records, parsed.out, told)
 
 
+def _modes_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, help=".uff, .unv or .npz with FRFs")
+    parser.add_argument("--out", type=Path, metavar="MODES", help="the file to write: .csv, or .uff with datasets 55")
+    parser.add_argument("--lowest", type=float, metavar="HZ", help="end of the band (default: the measurement's)")
+    parser.add_argument("--highest", type=float, metavar="HZ", help="the other end")
+    parser.add_argument(
+        "--order", type=int, default=40, help="modes at most that the fitted polynomials can hold (default: 40)"
+    )
+    parser.add_argument("--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of the places [m]")
+
+
+def _modes(parsed: Parsed) -> None:
+    from torchplate.cli.modes import modes
+
+    modes(parsed.file, parsed.out, parsed.lowest, parsed.highest, parsed.order, parsed.nodes)
+
+
 def _bench_arguments(parser: ArgumentParser) -> None:
     from torchplate.cli.bench import PARTS
 
@@ -305,6 +322,15 @@ VERBS: Final = {
         ),
         _frf_arguments,
         _frf,
+    ),
+    "modes": Verb(
+        "natural frequencies, damping and mode shapes from FRFs, by sdypy-EMA",
+        (
+            "torchplate modes plate.uff",
+            "torchplate modes plate.uff --lowest 20 --highest 400 --out modes.csv",
+        ),
+        _modes_arguments,
+        _modes,
     ),
     "keys": Verb(
         "every key of a config: unit, default, meaning, example",

@@ -1,8 +1,10 @@
 """The gap between simulation and measurement: how wide it is, and what the data can see.
 
 - `measure`: what a measure of the gap between FRFs is, and the registry `OBJECTIVES`; `norms` (relative, logarithmic,
-  weighed by the coherence) and `assurance` (FRAC, CSAC, CSF) hold the registered functions.
+  weighed by the coherence) and `assurance` (FRAC, CSAC, CSF) hold the registered functions. `assurance` has MAC and
+  COMAC of mode shapes, too.
 - `natural_frequency`: the gap between tables of natural frequencies.
+- `modal_evidence`: the gap between a modal model and the model's modes, paired by their shapes.
 - `level`, `deviation`: what a measure is made of: the fitted level where readings carry no unit, and residuals.
 - `objective`: the function of theta that a search minimises.
 - `sensitivity`: what a small change of each parameter does to the prediction: uncertainty, and blind directions.
@@ -13,8 +15,9 @@
 - `notation`: a gap in print.
 """
 
-from torchplate.discrepancy.assurance import csac, csf, frac
+from torchplate.discrepancy.assurance import comac, csac, csf, frac, mac
 from torchplate.discrepancy.measure import OBJECTIVES, Measured
+from torchplate.discrepancy.modal_evidence import ModalEvidence, ModePair
 from torchplate.discrepancy.norms import coherence_weighted, log_amplitude, relative_amplitude_norm, relative_frf_norm
 from torchplate.discrepancy.objective import Evidence, Objective
 from torchplate.discrepancy.sensitivity import Sensitivity, sensitivity
@@ -23,13 +26,17 @@ __all__ = [
     "OBJECTIVES",
     "Evidence",
     "Measured",
+    "ModalEvidence",
+    "ModePair",
     "Objective",
     "Sensitivity",
     "coherence_weighted",
+    "comac",
     "csac",
     "csf",
     "frac",
     "log_amplitude",
+    "mac",
     "relative_amplitude_norm",
     "relative_frf_norm",
     "sensitivity",

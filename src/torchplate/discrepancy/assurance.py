@@ -1,11 +1,12 @@
-"""Measures of the gap that are assurance criteria: correlations of FRFs, along the lines or across the channels.
+"""Assurance criteria: correlations of mode shapes, and of FRFs, along the lines or across the channels.
 
-Where a measure is blind to the level or has no residuals of its own, a least-squares finish makes the complex relative
-residuals small instead; a run keeps its result only where it lowers the measure.
+Those of FRFs are measures of the gap. Where a measure is blind to the level or has no residuals of its own, a
+least-squares finish makes the complex relative residuals small instead; a run keeps its result only where it lowers the
+measure.
 """
 
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Num
 from torch import Tensor
 
 from torchplate.discrepancy.deviation import COMPLEX
@@ -59,6 +60,50 @@ def csf(
     total = (kept.abs().square() + measured.frf.abs().square()).sum((-2, -1))
     criterion = 2 * cross / torch.where(total > 0, total, 1.0)
     return _mean_over_lines(criterion, model, measured)
+
+
+def mac(
+    one: Num[Tensor, "*#batch n_one n_point"], other: Num[Tensor, "*#batch n_other n_point"]
+) -> Float[Tensor, "*batch n_one n_other"]:
+    """Modal assurance criterion of each mode of one set with each of the other [-], 0 to 1.
+
+    MAC = |φᴴψ|² / (φᴴφ ψᴴψ): 1 where two shapes are alike, whatever their scale and phase; 0 where they are orthogonal,
+    or one is zero everywhere. Source: Allemang and Brown, "A correlation coefficient for modal vector analysis", IMAC I
+    (1982).
+
+    Args:
+        one: deflections at the points, real or complex, a mode in each row.
+        other: likewise.
+    """
+    if one.is_complex() != other.is_complex():
+        kind = torch.promote_types(one.dtype, other.dtype)
+        one, other = one.to(kind), other.to(kind)
+    cross = (one.conj() @ other.mT).abs().square()
+    both = _energy(one)[..., :, None] * _energy(other)[..., None, :]
+    return torch.where(both > 0, cross / torch.where(both > 0, both, 1.0), 0.0).clamp(max=1.0)
+
+
+def comac(
+    one: Num[Tensor, "*#batch n_mode n_point"], other: Num[Tensor, "*#batch n_mode n_point"]
+) -> Float[Tensor, "*batch n_point"]:
+    """Coordinate modal assurance criterion of each point over pairs of modes [-], 0 to 1.
+
+    COMAC = (Σ |φ ψ*|)² / (Σ |φ|² Σ |ψ|²), sums over the modes at one point: low where a sensor is misplaced or the
+    model is wrong nearby. Each shape counts by its own norm, so that no scale is needed. Source: Lieven and Ewins,
+    "Spatial correlation of mode shapes, the coordinate modal assurance criterion (COMAC)", IMAC VI (1988).
+
+    Args:
+        one: deflections at the points, real or complex, a mode in each row.
+        other: the modes that they are paired with, row by row.
+    """
+    unit = [shape.abs() / _energy(shape).sqrt()[..., None].clamp(min=1e-300) for shape in (one, other)]
+    cross = (unit[0] * unit[1]).sum(-2).square()
+    both = unit[0].square().sum(-2) * unit[1].square().sum(-2)
+    return torch.where(both > 0, cross / torch.where(both > 0, both, 1.0), 0.0).clamp(max=1.0)
+
+
+def _energy(shape: Tensor) -> Tensor:
+    return shape.abs().square().sum(-1)
 
 
 def _kept(model: Tensor, measured: Measured) -> Tensor:

@@ -24,7 +24,7 @@ class Rows(NamedTuple):
     """What is known of each residual.
 
     Attributes:
-        group: an index for each FRF, and one for the table of natural frequencies.
+        group: an index for each FRF, one for the table of natural frequencies, two for a modal model.
         slope: how far noise of one unit moves the residual.
         amplitude: |H| of the model where the residual is an FRF's, else 0.
         variance: of the residual, as the measurement says; NaN where it does not.

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from torchplate.discrepancy.covariance import Rows
 from torchplate.discrepancy.measure import Measured, check_suits, find_objective
+from torchplate.discrepancy.modal_evidence import ModalEvidence
 from torchplate.discrepancy.natural_frequency import mode_weight, natural_frequency_error
 from torchplate.discrepancy.norms import relative_frf_norm
 from torchplate.measurement import Measurement, NaturalFrequencies
@@ -23,18 +24,25 @@ class Evidence:
         natural_frequencies: a table, or None.
         gain_is_unknown: the level of the FRFs carries no unit, and one factor for all of them is fitted.
         n_average: records behind each FRF, > 1, with which its coherence says how noisy it is; None if not known.
+        modal_model: natural frequencies with their mode shapes, instead of a table; or None.
 
     Raises:
-        ValueError: if both are None, or n_average is 1, at which every coherence is 1.
+        ValueError: if all are None, there are both a table and a modal model, or n_average is 1, at which every
+            coherence is 1.
     """
 
     measurement: Measurement | None = None
     natural_frequencies: NaturalFrequencies | None = None
     gain_is_unknown: bool = False
     n_average: int | None = None
+    modal_model: ModalEvidence | None = None
 
     def __post_init__(self) -> None:
-        if self.measurement is None and self.natural_frequencies is None:
+        if self.natural_frequencies is not None and self.modal_model is not None:
+            raise ValueError(
+                "Expected natural_frequencies or a modal_model, which has its own, got both. Take one of them out."
+            )
+        if self.measurement is None and self.natural_frequencies is None and self.modal_model is None:
             raise ValueError("Expected FRFs or natural frequencies to compare with, got neither. Give a measurement.")
         if self.n_average is not None and self.n_average < 2:
             raise ValueError(
@@ -48,9 +56,10 @@ class Objective:
 
     Args:
         model: whose searched parameters theta holds; its responses and references are those of the measurement.
-        evidence: what was measured. A table of natural frequencies adds its own error to that of the FRFs.
+        evidence: what was measured. A table of natural frequencies, or a modal model, adds its own error to that of
+            the FRFs.
         kind: a key of OBJECTIVES; only FRFs have a choice.
-        natural_frequency_weight: factor on the error of the natural frequencies, > 0.
+        natural_frequency_weight: factor on the error of the natural frequencies, or of the modal model, > 0.
 
     Raises:
         KeyError: if no measure has that name.
@@ -74,6 +83,8 @@ class Objective:
         if evidence.natural_frequencies is not None:
             table = evidence.natural_frequencies.to(model.known.device)
             self._mode, self._table, self._mode_weight = table.mode - 1, table.frequency, mode_weight(table)
+        modal = evidence.modal_model
+        self._modal = None if modal is None else modal.to(model.known.device)
 
     def of(self, model: PlateModel) -> "Objective":
         """The same objective of another model."""
@@ -86,6 +97,8 @@ class Objective:
             total = total + self.measure.gap(self.frf(theta), self._measured)
         if self.evidence.natural_frequencies is not None:
             total = total + self.natural_frequency_weight * self._natural_frequency_error(theta)
+        if self._modal is not None:
+            total = total + self.natural_frequency_weight * self._modal.error(self.model, theta)
         return total
 
     def _natural_frequency_error(self, theta: Tensor) -> Tensor:
@@ -108,15 +121,18 @@ class Objective:
 
     def gap(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch"]:
         """Mean over FRFs of ‖measured − model‖ / ‖measured‖ [-]; without FRFs the natural-frequency error."""
+        if self.evidence.measurement is None and self._modal is not None:
+            return self._modal.frequency_error(self.model, theta)
         if self.evidence.measurement is None:
             return self._natural_frequency_error(theta)
         return relative_frf_norm(self.frf(theta), self._measured) / self._measured.pairs.sum()
 
     def residual(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch n_residual"]:
-        """Deviations as real numbers, for least squares: of FRFs, line by line, then of natural frequencies.
+        """Deviations as real numbers, for least squares: of FRFs, line by line, then of natural frequencies and shapes.
 
         FRFs deviate as the measure says (`measure.deviation`); each natural frequency by
-        natural_frequency_weight · w (f_model − f_measured) / f_measured, w of `mode_weight`.
+        natural_frequency_weight · w (f_model − f_measured) / f_measured, w of `mode_weight`; a modal model as
+        `modal_evidence` says.
         """
         parts = []
         if self.evidence.measurement is not None:
@@ -126,6 +142,8 @@ class Objective:
         if self.evidence.natural_frequencies is not None:
             weight = self.natural_frequency_weight * self._mode_weight
             parts.append(weight * (self.natural_frequencies(theta) / self._table - 1))
+        if self._modal is not None:
+            parts.append(self.natural_frequency_weight * self._modal.residual(self.model, theta))
         return torch.cat(parts, dim=-1)
 
     def rows(self, theta: Float[Tensor, " n_parameter"]) -> Rows:
@@ -162,6 +180,12 @@ class Objective:
             slopes.append(scale)
             amplitudes.append(torch.zeros_like(scale))
             variances.append((scale * std / self._table).square())
+        if self._modal is not None:
+            variance, group = self._modal.variance()
+            groups.append(n_group + group)
+            slopes.append(torch.full_like(variance, self.natural_frequency_weight))
+            amplitudes.append(torch.zeros_like(variance))
+            variances.append(self.natural_frequency_weight**2 * variance)
         return Rows(*(torch.cat(parts) for parts in (groups, slopes, amplitudes, variances)))
 
     def _frf_variance(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
@@ -182,10 +206,15 @@ class Objective:
         if self.measure.norm == "other":
             return torch.ones_like(residual)
         n_pair = 0 if self.evidence.measurement is None else int(self._measured.pairs.sum())
-        joined = rows.group.clamp(min=n_pair - 1) if self.measure.norm == "joint" else rows.group
+        # Frequencies and shapes of a modal model are one norm.
+        joined = rows.group.clamp(max=n_pair)
+        if self.measure.norm == "joint":
+            joined = joined.clamp(min=n_pair - 1)
         square = residual.new_zeros(n_pair + 1).index_add(0, joined, residual.square())
         norm = square.sqrt()
         if self.evidence.natural_frequencies is not None:
             norm[-1] = norm[-1] * len(self._mode) ** 0.5
+        if self._modal is not None:
+            norm[-1] = norm[-1] * len(self._modal.modal.frequency) ** 0.5
         # Residuals that are all zero leave no weight to choose.
         return 1 / norm.clamp(min=1e-12 * float(norm.max()) or 1.0)[joined]

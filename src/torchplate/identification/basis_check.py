@@ -89,8 +89,13 @@ def confirmed(
 
 def wanted(objective: Objective) -> tuple[Tensor | None, int]:
     """Lines at which FRFs must be right, and the number of natural frequencies that must be."""
-    frfs, table = objective.evidence.measurement, objective.evidence.natural_frequencies
-    return None if frfs is None else frfs.frequency, 0 if table is None else int(table.mode.max())
+    frfs, table, modal = (
+        objective.evidence.measurement,
+        objective.evidence.natural_frequencies,
+        objective.evidence.modal_model,
+    )
+    n_mode = 0 if table is None else int(table.mode.max())
+    return None if frfs is None else frfs.frequency, n_mode if modal is None else modal.n_mode
 
 
 def estimated(objective: Objective, searched: Objective, outcome: Outcome | None) -> float | None:

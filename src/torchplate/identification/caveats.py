@@ -7,6 +7,8 @@ from torchplate.measurement.natural_frequencies import assumed
 
 # A standard error above this part of the interval says that the data hardly narrow it.
 WIDE = 0.5
+# A MAC below this says that two shapes are not of one mode.
+UNLIKE = 0.7
 
 
 def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]:
@@ -43,4 +45,12 @@ def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]
         )
     if (table := objective.evidence.natural_frequencies) is not None and (said := assumed(table)):
         sentences.append(said)
+    if (modal := objective.evidence.modal_model) is not None and modal.assumed:
+        sentences.append(modal.assumed)
+    if modal is not None and (unlike := [pair for pair in modal.pairs(objective.model, theta) if pair.mac < UNLIKE]):
+        told = ", ".join(f"{pair.measured:.5g} Hz (MAC {pair.mac:.2f} with mode {pair.mode})" for pair in unlike)
+        sentences.append(
+            f"The model has no shape like those measured at {told}: look at the places of the points, and at what is "
+            "missing in the model."
+        )
     return sentences

@@ -9,13 +9,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.discrepancy import Evidence, Objective, sensitivity
+from torchplate.discrepancy import Evidence, ModalEvidence, Objective, sensitivity
 from torchplate.identification.basis_check import TOLERANCE, confirmed, estimated, in_reduced_basis, wanted
 from torchplate.identification.caveats import caveats
 from torchplate.identification.job import Job, Settings
 from torchplate.identification.polish import polished
-from torchplate.identification.result import NATURAL_FREQUENCIES, Result, finite, values
-from torchplate.measurement import Measurement, NaturalFrequencies, place
+from torchplate.identification.result import MODAL_MODEL, NATURAL_FREQUENCIES, Result, finite, values
+from torchplate.measurement import Measurement, ModalModel, NaturalFrequencies, place
 from torchplate.model import DENSE, PlateModel, SparseModel, basis_error
 from torchplate.search import Checkpoint, DifferentialEvolution, LeastSquares, Optimizer, Outcome, Progress
 
@@ -45,6 +45,7 @@ def identify(
     natural_frequencies: NaturalFrequencies | Mapping[int, float] | None = None,
     objective: str = "relative_frf_norm",
     *,
+    modal_model: ModalModel | ModalEvidence | None = None,
     natural_frequency_weight: float = 1.0,
     gain_is_unknown: bool = False,
     n_average: int | None = None,
@@ -71,7 +72,9 @@ def identify(
         seed: of all randomness.
         natural_frequencies: a table, alone or beside FRFs; or mode number, from 1, rigid-body modes included → Hz.
         objective: a key of `OBJECTIVES`, how the gap between FRFs is measured.
-        natural_frequency_weight: factor on the error of the natural frequencies, > 0.
+        modal_model: natural frequencies with their mode shapes, instead of a table; as `ModalEvidence.of` with their
+            standard deviations.
+        natural_frequency_weight: factor on the error of the natural frequencies, or of the modal model, > 0.
         gain_is_unknown: the level of the FRFs carries no unit, and one factor for all of them is fitted.
         n_average: records behind each FRF, ≥ 2, with which its coherence says how noisy it is.
         n_generation: generations at most; see `Settings` for this and all up to `precision`.
@@ -99,7 +102,8 @@ def identify(
         given, measurement = measurement, measurement.without_zeros()
         for note in measurement.notes[len(given.notes) :]:
             say(note)
-    evidence = Evidence(measurement, table, gain_is_unknown, n_average)
+    modal = ModalEvidence.of(model, modal_model) if isinstance(modal_model, ModalModel) else modal_model
+    evidence = Evidence(measurement, table, gain_is_unknown, n_average, modal)
     if measurement is not None:
         model = with_channels(model, measurement)
         model.check_channels()
@@ -170,10 +174,11 @@ def _result(
         evaluated(objective.model, best, search, settings),
         parameters=values(searched, best, seen),
         objective=float(found[0]),
-        objective_kind=NATURAL_FREQUENCIES if objective.evidence.measurement is None else objective.kind,
+        objective_kind=_kind(objective),
         gap=float(searched.gap(best)),
         caveats=[] if seen is None else caveats(searched, best, seen),
         gain=float(searched.gain(best)) if objective.evidence.gain_is_unknown else None,
+        modes=None if (modal := objective.evidence.modal_model) is None else modal.pairs(searched.model, best),
     )
     if seen is not None:
         result = dataclasses.replace(result, correlation=[[finite(one) for one in row] for row in seen.correlation])
@@ -197,6 +202,12 @@ def _result(
     return dataclasses.replace(
         result, basis_error=error, basis_error_of_population=estimated(objective, searched, outcome)
     )
+
+
+def _kind(objective: Objective) -> str:
+    if objective.evidence.measurement is not None:
+        return objective.kind
+    return NATURAL_FREQUENCIES if objective.evidence.modal_model is None else MODAL_MODEL
 
 
 @torch.no_grad()

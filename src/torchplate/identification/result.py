@@ -8,13 +8,15 @@ from typing import Any
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.discrepancy import Objective, Sensitivity
+from torchplate.discrepancy import ModePair, Objective, Sensitivity
 from torchplate.identification.fit_quality import fit_in_words
 
 # Beyond this correlation, either sign, two values can hardly be told apart.
 CORRELATED = 0.9
 # What is minimised where there is a table of natural frequencies and no FRF.
 NATURAL_FREQUENCIES = "natural_frequencies"
+# Likewise where mode shapes come with them.
+MODAL_MODEL = "modal_model"
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,8 @@ class Result:
         parameters: by name, "label.parameter", in theta's order.
         objective: what was minimised, at these values; None where there was nothing to compare with.
         objective_kind: its name.
-        gap: mean over FRFs of ‖measured − model‖ / ‖measured‖; of natural frequencies alone their error [-].
+        gap: mean over FRFs of ‖measured − model‖ / ‖measured‖; of natural frequencies or modes alone their error
+            [-].
         natural_frequencies_hz: the lowest of the full model [Hz], undamped, rigid-body modes first.
         n_evaluation: of the objective, over all searches.
         n_generation: the most that one of the searches finished.
@@ -57,6 +60,7 @@ class Result:
         repeats: objective and values of each independent search, the best first, where there were several.
         basis_error: how far the reduced basis is off at the best, where one was used: relative FRF norm, or relative
             error of a natural frequency.
+        modes: each mode of a measured modal model beside the model's.
         basis_error_of_population: the greatest estimated one among the best members of the last population.
     """
 
@@ -78,6 +82,7 @@ class Result:
     repeats: Mapping[str, Any] | None = None
     basis_error: float | None = None
     basis_error_of_population: float | None = None
+    modes: list[ModePair] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The content of `result.json`."""
@@ -100,6 +105,11 @@ class Result:
             content["correlation"] = {"names": list(self.parameters), "matrix": self.correlation}
         if self.gain is not None:
             content["gain"] = self.gain
+        if self.modes is not None:
+            content["modes"] = [
+                {"mode": pair.mode, "measured_hz": pair.measured, "model_hz": pair.model, "mac": pair.mac}
+                for pair in self.modes
+            ]
         if self.repeats is not None:
             content["repeats"] = dict(self.repeats)
         if self.basis_error is not None:
@@ -112,7 +122,7 @@ class Result:
         """How good the fit is, a sentence or two; None where nothing was compared."""
         if self.gap is None:
             return None
-        return fit_in_words(self.gap, self.objective_kind != NATURAL_FREQUENCIES)
+        return fit_in_words(self.gap, self.objective_kind not in (NATURAL_FREQUENCIES, MODAL_MODEL))
 
     def correlated(self) -> list[tuple[str, str, float]]:
         """Pairs of parameters whose errors are correlated beyond `CORRELATED`."""

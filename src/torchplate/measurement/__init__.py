@@ -21,6 +21,9 @@ Map:
     record_files: time records from UFF, WAV, MAT, NPZ, CSV and LVM files
     estimate: FRFs and coherence from cut hits
     from_hits: recordings of a whole test as one measurement
+    modal_model: natural frequencies, damping and mode shapes at points (`ModalModel`), and their table
+    modal_uff: the same from datasets 55 and 2414, and written as 55
+    modal_analysis: the same estimated from FRFs
     analyser, modal_test: the virtual hammer test, which makes a measurement from a model
 """
 
@@ -32,12 +35,14 @@ from torchplate.measurement.from_hits import frf_of_hits
 from torchplate.measurement.geometry import Proposal, Said, propose
 from torchplate.measurement.imperfections import CAREFUL, PERFECT, Imperfections
 from torchplate.measurement.measurement import KINDS, SI_UNIT, Channel, Kind, Measurement, MeasurementError
+from torchplate.measurement.modal_analysis import Analysed, modes
+from torchplate.measurement.modal_model import ModalModel
 from torchplate.measurement.modal_test import Hammer, hammer_test
 from torchplate.measurement.natural_frequencies import NaturalFrequencies
 from torchplate.measurement.nodes import read_nodes, with_nodes
-from torchplate.measurement.placement import Match, Placement, place
+from torchplate.measurement.placement import Match, Placement, place, place_points
 from torchplate.measurement.quality import Quality, assess, peaks
-from torchplate.measurement.read import UFF_SUFFIX, read_measurement
+from torchplate.measurement.read import MODAL_SUFFIX, UFF_SUFFIX, read_measurement, read_modal_model, write_modal_model
 from torchplate.measurement.record_files import RECORD_SUFFIX, Layout, read_recordings
 from torchplate.measurement.recording import Cutting, Hits, Recording, cut
 from torchplate.measurement.uff import read_geometry, read_uff
@@ -49,10 +54,12 @@ __all__ = [
     "ESTIMATES",
     "KINDS",
     "METRES",
+    "MODAL_SUFFIX",
     "PERFECT",
     "RECORD_SUFFIX",
     "SI_UNIT",
     "UFF_SUFFIX",
+    "Analysed",
     "Analyser",
     "Channel",
     "Contents",
@@ -67,6 +74,7 @@ __all__ = [
     "Match",
     "Measurement",
     "MeasurementError",
+    "ModalModel",
     "NaturalFrequencies",
     "Part",
     "Placement",
@@ -82,14 +90,18 @@ __all__ = [
     "frf_of_hits",
     "hammer_test",
     "in_frame",
+    "modes",
     "peaks",
     "place",
+    "place_points",
     "propose",
     "read_geometry",
     "read_measurement",
+    "read_modal_model",
     "read_nodes",
     "read_recordings",
     "read_uff",
     "with_nodes",
+    "write_modal_model",
     "write_uff",
 ]

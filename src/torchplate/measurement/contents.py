@@ -252,8 +252,7 @@ def _shapes(held: Held) -> Part:
         return Part(held.title, detail, "not used: no mode with a natural frequency is among them")
     modes.sort()
     shown = ", ".join(f"{f:.5g} Hz" + (f" ({100 * d:.2g} %)" if d > 0 else "") for f, d in modes[:12])
-    table = ", ".join(f"{i}: {f:.5g}" for i, (f, _) in enumerate(modes[:3], start=4))
-    use = f"in a config: measurement: {{natural_frequencies: {{{table}, ...}}}}, three rigid-body modes counted first"
+    use = f"in a config: measurement: {{modal_model: {{file: {shlex.quote(held.path.name)}}}}}"
     return Part(held.title, f"{detail}; {shown}" + (", ..." if len(modes) > 12 else ""), use)
 
 

@@ -1,5 +1,6 @@
 """Where each channel sits on the plate: by its coordinates, or by its node's number on the grid."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -80,35 +81,59 @@ def place(measurement: Measurement, length_x: float, length_y: float, n_x: int, 
     ends = measurement.response
     if measurement.kind != "transmissibility":
         ends = (*measurement.response, *measurement.reference)
-    located = [channel.coordinate is not None for channel in ends]
-    for channel in ends:
-        if channel.direction != "w":
-            raise MeasurementError(
-                f"{measurement.source or 'Measurement'}: expected out-of-plane channels (direction w), got "
-                f"{channel.label}. A bending plate does not move that way: leave the channel out."
-            )
-        if any(located) and channel.coordinate is None:
-            raise MeasurementError(
-                f"{measurement.source or 'Measurement'}: expected coordinates for every channel or for none, got none "
-                f"for {channel.label}. Add its node to dataset 15 or 2411, or remove all coordinates to match by "
-                "node number."
-            )
     grid = _Grid(length_x, length_y, n_x, n_y, measurement.source or "Measurement")
-    placed = [grid.by_coordinate(c) if any(located) else grid.by_node(c) for c in ends]
+    placed, by_coordinate = _matched(ends, grid)
     n_response = len(measurement.response)
     return Placement(
         response=tuple(placed[:n_response]),
         reference=tuple(placed[n_response:]),
-        by="coordinate" if any(located) else "node",
-        remark=_remark(placed, n_response, grid, any(located)),
+        by="coordinate" if by_coordinate else "node",
+        remark=_remark(placed, _counts(n_response, len(placed) - n_response), grid, by_coordinate),
     )
 
 
-def _remark(placed: list[Match], n_response: int, grid: "_Grid", by_coordinate: bool) -> str:
+def place_points(
+    points: Sequence[Channel], source: str, length_x: float, length_y: float, n_x: int, n_y: int
+) -> Placement:
+    """The same for the points of mode shapes, which stand as responses.
+
+    Raises:
+        MeasurementError: As `place`.
+    """
+    grid = _Grid(length_x, length_y, n_x, n_y, source or "Modal model")
+    placed, by_coordinate = _matched(points, grid)
+    counted = f"{len(placed)} point{'s' * (len(placed) != 1)} of the mode shapes"
+    by = "coordinate" if by_coordinate else "node"
+    return Placement(tuple(placed), (), by, _remark(placed, counted, grid, by_coordinate))
+
+
+def _matched(ends: Sequence[Channel], grid: "_Grid") -> tuple[list[Match], bool]:
+    """Each channel's place, and whether it is by coordinates."""
+    located = [channel.coordinate is not None for channel in ends]
+    for channel in ends:
+        if channel.direction != "w":
+            raise MeasurementError(
+                f"{grid.source}: expected out-of-plane channels (direction w), got "
+                f"{channel.label}. A bending plate does not move that way: leave the channel out."
+            )
+        if any(located) and channel.coordinate is None:
+            raise MeasurementError(
+                f"{grid.source}: expected coordinates for every channel or for none, got none "
+                f"for {channel.label}. Add its node to dataset 15 or 2411, or remove all coordinates to match by "
+                "node number."
+            )
+    return [grid.by_coordinate(c) if any(located) else grid.by_node(c) for c in ends], any(located)
+
+
+def _counts(n_response: int, n_reference: int) -> str:
     counts = [f"{n_response} response{'s' * (n_response != 1)}"]
-    if n_reference := len(placed) - n_response:
+    if n_reference:
         counts.append(f"{n_reference} reference{'s' * (n_reference != 1)}")
-    subject = f"Matched {' and '.join(counts)} to the plate by"
+    return " and ".join(counts)
+
+
+def _remark(placed: list[Match], counted: str, grid: "_Grid", by_coordinate: bool) -> str:
+    subject = f"Matched {counted} to the plate by"
     if by_coordinate:
         text = f"{subject} their coordinates"
         farthest = max(placed, key=lambda match: match.outside)

@@ -4,9 +4,14 @@ from pathlib import Path
 from typing import Final
 
 from torchplate.measurement.measurement import Measurement, MeasurementError
+from torchplate.measurement.modal_model import ModalModel, read_modal_table
+from torchplate.measurement.modal_uff import read_modal_uff, write_modal_uff
 from torchplate.measurement.uff import read_uff
 
 UFF_SUFFIX: Final = (".uff", ".unv", ".uf")
+TABLE_SUFFIX: Final = (".csv", ".txt")
+MODAL_SUFFIX: Final = (*UFF_SUFFIX, ".csv")
+"""What a modal model is written to."""
 
 
 def read_measurement(path: Path | str, kind: str | None = None, normal: int = 3) -> Measurement:
@@ -30,3 +35,45 @@ def read_measurement(path: Path | str, kind: str | None = None, normal: int = 3)
     if not path.is_file():
         raise MeasurementError(f"{path}: expected a measurement file, got none there. Check the path.")
     return Measurement.from_npz(path, kind) if suffix == ".npz" else read_uff(path, kind, normal)
+
+
+def read_modal_model(path: Path | str, normal: int = 3) -> ModalModel:
+    """Read natural frequencies, damping and mode shapes: a universal file with datasets 55 or 2414, or a table (.csv).
+
+    Args:
+        path: The file.
+        normal: The axis of a universal file that points out of the plate, 1 to 3.
+
+    Raises:
+        MeasurementError: The file is absent, has another suffix, or cannot be used.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in (*UFF_SUFFIX, *TABLE_SUFFIX):
+        raise MeasurementError(
+            f"{path}: expected a modal model in a {', '.join((*UFF_SUFFIX, *TABLE_SUFFIX))} file, got the suffix "
+            f"{path.suffix or 'none'!r}. Export it as UFF 55, or write a table."
+        )
+    if not path.is_file():
+        raise MeasurementError(f"{path}: expected a modal model, got no file there. Check the path.")
+    return read_modal_uff(path, normal) if suffix in UFF_SUFFIX else read_modal_table(path)
+
+
+def write_modal_model(model: ModalModel, path: Path, suffix: str | None = None) -> None:
+    """Write a modal model as datasets 55 (.uff, .unv, .uf) or as a table (.csv); its notes are not written.
+
+    Args:
+        model: The modes.
+        path: The file; one that exists is replaced.
+        suffix: Names the format; that of the path if left out.
+
+    Raises:
+        MeasurementError: Another suffix, or a node that is given two places.
+    """
+    suffix = (suffix or path.suffix).lower()
+    if suffix not in MODAL_SUFFIX:
+        raise MeasurementError(f"{path}: expected a name that ends in .csv or .uff, got '{path.suffix}'. Rename it.")
+    if suffix == ".csv":
+        path.write_text(model.to_csv(), encoding="utf-8")
+    else:
+        write_modal_uff(model, path)

@@ -4,6 +4,7 @@ The columns are the format's own, so pyuff and others read the files. pyuff does
 to an abscissa, too few for 1e-6, and states a byte count for complex binary records that is half of what follows.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -35,7 +36,7 @@ def write_uff(measurement: Measurement, path: Path, binary: bool = False) -> Non
     # Even only where the header's digits give every line back; else the lines are written themselves.
     even = len(frequency) > 1 and bool((np.abs(written - frequency) <= 1e-8 * frequency[-1]).all())
     header = _Header(measurement, spacing if even else None, binary)
-    blocks = [_units(), _nodes(measurement)]
+    blocks = [units_block(), nodes_block((*measurement.response, *measurement.reference), measurement.source)]
     for j, k in measurement.pairs:
         ends = (measurement.response[j], measurement.reference[k])
         frf = measurement.frf[:, j, k].detach().cpu().numpy().astype(np.complex128)
@@ -48,30 +49,37 @@ def write_uff(measurement: Measurement, path: Path, binary: bool = False) -> Non
     Path(path).write_bytes(b"".join(blocks))
 
 
-def _block(lines: list[str], body: bytes = b"") -> bytes:
+def block(lines: list[str], body: bytes = b"") -> bytes:
+    """A dataset between its two lines of -1; the number of the dataset is the first line."""
     return b"".join(f"{line}\n".encode() for line in ["    -1", *lines]) + body + b"    -1\n"
 
 
-def _units() -> bytes:
+def units_block() -> bytes:
+    """Dataset 164: metre and newton."""
     code = f"{1:10d}{'SI: metre (newton)':<20s}{2:10d}"
     factors = [f"{1.0:25.16E}{1.0:25.16E}{1.0:25.16E}".replace("E", "D"), f"{273.15:25.16E}".replace("E", "D")]
-    return _block([f"{164:6d}", code, *factors])
+    return block([f"{164:6d}", code, *factors])
 
 
-def _nodes(measurement: Measurement) -> bytes:
+def nodes_block(channels: Iterable[Channel], source: str) -> bytes:
+    """Dataset 2411 with the places of the channels that have any; empty where none has.
+
+    Raises:
+        MeasurementError: A node that is given two places.
+    """
     places: dict[int, tuple[float, float, float]] = {}
-    for channel in (*measurement.response, *measurement.reference):
+    for channel in channels:
         if channel.coordinate is None:
             continue
         if places.setdefault(channel.node, channel.coordinate) != channel.coordinate:
             raise MeasurementError(
-                f"{measurement.source or 'Measurement'}: expected one place for node {channel.node}, got "
+                f"{source or 'Measurement'}: expected one place for node {channel.node}, got "
                 f"{places[channel.node]} and {channel.coordinate}. Give the two channels nodes of their own."
             )
     lines = [f"{2411:6d}"]
     for node, place in sorted(places.items()):
         lines += [f"{node:10d}{0:10d}{0:10d}{11:10d}", "".join(f"{x:25.16E}" for x in place).replace("E", "D")]
-    return _block(lines) if places else b""
+    return block(lines) if places else b""
 
 
 class _Header(NamedTuple):
@@ -109,7 +117,7 @@ def _function(frequency: np.ndarray, value: np.ndarray, ends: tuple[Channel, Cha
         *quantities,
         _quantity(0, "NONE", "NONE"),
     ]
-    return _block(lines, table.astype("<f8").tobytes() if header.binary else _text(table, even))
+    return block(lines, table.astype("<f8").tobytes() if header.binary else _text(table, even))
 
 
 def _quantity(specifier: int, name: str, unit: str) -> str:

@@ -3,6 +3,7 @@
 - `parameter_space`: what is searched; the unit cube against SI units.
 - `declared`: what its effects declare, sorted into known and searched.
 - `modes`: batched natural frequencies and mode shapes.
+- `modes_at`: both at places of the plate, differentiable.
 - `frf`: receptances by modal sum, exact for local dashpots, and the direct solve that referees them.
 - `modal_solution`: the solve of one batch by the modes of each member.
 - `rearranged`: FRFs that an effect only exchanges or turns.
@@ -24,6 +25,7 @@ from torchplate.model.error_estimate import basis_error, estimated_error
 from torchplate.model.extrapolation import Extrapolated, extrapolate
 from torchplate.model.fine_mesh import DENSE, SparseModel
 from torchplate.model.modes import Modes
+from torchplate.model.modes_at import ModesAt, modes_at
 from torchplate.model.parameter_space import ParameterSpace, Searched
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.reduced_basis import reduce
@@ -32,6 +34,7 @@ __all__ = [
     "DENSE",
     "Extrapolated",
     "Modes",
+    "ModesAt",
     "ParameterSpace",
     "PlateModel",
     "Point",
@@ -40,5 +43,6 @@ __all__ = [
     "basis_error",
     "estimated_error",
     "extrapolate",
+    "modes_at",
     "reduce",
 ]

@@ -197,6 +197,22 @@ def _correlated(result: Result) -> Iterator[Block]:
 
 
 def _frequencies(objective: Objective, result: Result) -> Iterator[Block]:
+    if result.modes is not None:
+        pairs = [
+            (
+                f"{pair.mode}",
+                f"{pair.measured:.2f}",
+                f"{pair.model:.2f}",
+                percent(pair.model / pair.measured - 1),
+                f"{pair.mac:.3f}",
+            )
+            for pair in result.modes
+        ]
+        caption = (
+            "Measured modes, each beside the model's mode with the most similar shape (MAC: 1 where they are alike, 0 "
+            "where they have nothing in common); modes count from 1, rigid-body modes included."
+        )
+        yield Table(caption, ("mode", "measured [Hz]>", "model [Hz]>", "difference>", "MAC>"), pairs)
     if (table := objective.evidence.natural_frequencies) is None:
         return
     hertzs = objective.natural_frequencies(result.theta).tolist()
