@@ -86,6 +86,7 @@ def settled(
     prior: Prior,
     position: Tensor,
     about: Found | None,
+    scale: Mapping[str, float] | None = None,
     fitted_on: bool = True,
 ) -> Fit:
     """Judged where it ended, and fitted on beside nuisances as they are found there, unless told not to.
@@ -95,16 +96,20 @@ def settled(
     """
     target, settings = builder.target, builder.target.settings.fitting
     best: Fit | None = None
-    scale: Mapping[str, float] = {}
-    for turn in range(1 + settings.n_settled):
+    scale = scale or {}
+
+    def beside(position: Tensor, about: Found | None, scale: Mapping[str, float]) -> tuple[PlateModel, Marginal]:
         theta = model.space.to_si(position)
         reduced = wandered(plain, theta, target.wandering, about)
         marginal = target.marginal(reduced, theta, about)
-        if scale:
-            marginal = marginal.rescaled(scale)
+        return reduced, marginal.rescaled(scale) if scale else marginal
+
+    for turn in range(1 + settings.n_settled):
+        reduced, marginal = beside(position, about, scale)
         if turn and len(model.names) and fitted_on:
             problem = Problem(builder, reduced, prior, marginal)
             position = problem.descend(position[None], target.levels - 1, settings.n_together)[0][0]
+            reduced, marginal = beside(position, about, scale)
         found = judged_beside(builder, model, reduced, prior, position, marginal)
         # Likelihoods about a uniform section and about one that wanders are not of one kind.
         alike = best is not None and (best.about is None) == (found.about is None)
@@ -136,7 +141,7 @@ def _moved(fit: Fit) -> float:
 
 def judged_at(builder: ModelBuilder, fit: Fit, prior: Prior, position: Tensor) -> Fit:
     """A model that was fitted beside other evidence, as it is; beside nuisances as large as any fit's are judged at."""
-    return settled(builder, fit.model, fit.reduced, prior, position, fit.about, fitted_on=False)
+    return settled(builder, fit.model, fit.reduced, prior, position, fit.about, fit.marginal.scale, fitted_on=False)
 
 
 def judged_beside(
