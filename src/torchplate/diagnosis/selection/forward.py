@@ -210,7 +210,8 @@ class ForwardSelection:
         about = known_section(single.fit)
         found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit, about=about)
         fallen = found.square <= (1 - self.settings.stopped_soon) * state.fit.square
-        if not found.by_noise or not (fallen or found.cost < state.fit.cost - max(1.0, ranked.by_chance)):
+        likelier = found.cost < state.fit.cost - max(1.0, ranked.by_chance) and found.square <= state.fit.square
+        if not found.by_noise or not (fallen or likelier):
             return None
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")
         return replace(state, fit=found)
