@@ -11,10 +11,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from torchplate.diagnosis.joint import Ended, Joint
 from torchplate.diagnosis.judged import Fit, judged_beside, settled, unfitted
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem, widely
-from torchplate.discrepancy.wandering import Found, wandered
+from torchplate.discrepancy.wandering import UNIFORM, Found
 from torchplate.model import PlateModel
 
 
@@ -48,27 +49,50 @@ def fit(
         if turn == 0 or (turn == 1 and builder.held):
             corrected = builder.corrected(model, theta).model
         plain = builder.reduced(corrected, theta[None])
-        reduced = wandered(plain, theta, target.wandering, about)
+        reduced = target.specimen(plain, theta, about)
         starts = start if turn == 0 else position[None]
         if turn == 0 and wide:
             starts, _ = widely(Problem(builder, reduced, prior), starts, target.settings.selecting.n_best)
-        marginal = target.marginal(reduced, model.space.to_si(starts[0]), about)
-        problem = Problem(builder, reduced, prior, marginal)
-        damping = settings.free if turn and problem.knows else settings.damping
-        places, values, _ = problem.descend_sharply(starts, damping)
-        best = int(values.argmin())
-        before, value = value, float(values[best])
-        moved = (places[best] - position).abs().max()
-        position = places[best]
+        before, last = value, position
+        if target.wandering == UNIFORM:
+            marginal = target.marginal(reduced, model.space.to_si(starts[0]))
+            problem = Problem(builder, reduced, prior, marginal)
+            damping = settings.free if turn and problem.knows else settings.damping
+            places, values, _ = problem.descend_sharply(starts, damping)
+            best = int(values.argmin())
+            position, value = places[best], float(values[best])
+        else:
+            ended = _jointly(Joint(builder, plain, prior, theta), starts, about, turn)
+            position, about, value = ended
+        moved = (position - last).abs().max()
         if turn > 0 and abs(before - value) <= settings.settled * value:
             break
         if 2 * value > hopeless or float(moved) < 1e-6:
             break
         if turn + 1 >= settings.n_basis and value > settings.falling * before:
             break
-    if problem.knows and not turn and 2 * value <= hopeless:
+    if 2 * value > hopeless:
+        reduced = target.specimen(plain, theta, about)
+        marginal = target.marginal(reduced, model.space.to_si(position), about)
+        return judged_beside(builder, corrected, reduced, prior, position, marginal)
+    if target.wandering == UNIFORM and problem.knows and not turn:
         places, _, _ = problem.descend(position[None], target.levels - 1, settings.n_iteration, settings.free)
         position = places[0]
-    if 2 * value > hopeless:
-        return judged_beside(builder, corrected, reduced, prior, position, marginal)
     return settled(builder, corrected, plain, prior, position, about)
+
+
+def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | None, turn: int) -> Ended:
+    """Parameters and section at the sharp level; where nothing is known of the section, from a little smoothed ones."""
+    settings, target = joint.settings, joint.target
+    sharp = target.levels - 1
+    if about is None:
+        wide = target.settings.wide
+        ends = [joint.descend(one, None, sharp - 1, wide.n_iteration[-1], wide.damping) for one in starts]
+        best = min(ends, key=lambda one: one.value)
+        start, shift = best.position, best.found.shift
+    else:
+        start, shift = starts[0], about.shift
+        if len(starts) > 1:
+            places, values, _ = joint.beside(start, about).descend(starts, sharp, settings.n_together)
+            start = places[values.argmin()]
+    return joint.descend_sharply(start, shift)

@@ -7,12 +7,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from torchplate.diagnosis.joint import Joint
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.settings import Comparison
 from torchplate.discrepancy.judged import Judged
 from torchplate.discrepancy.marginal import Marginal
-from torchplate.discrepancy.wandering import Found, wandered
+from torchplate.discrepancy.wandering import UNIFORM, Found, as_it_is_meant
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
 
@@ -100,15 +101,20 @@ def settled(
 
     def beside(position: Tensor, about: Found | None, scale: Mapping[str, float]) -> tuple[PlateModel, Marginal]:
         theta = model.space.to_si(position)
-        reduced = wandered(plain, theta, target.wandering, about)
+        reduced = target.specimen(plain, theta, about)
         marginal = target.marginal(reduced, theta, about)
         return reduced, marginal.rescaled(scale) if scale else marginal
 
     for turn in range(1 + settings.n_settled):
         reduced, marginal = beside(position, about, scale)
         if turn and len(model.names) and fitted_on:
-            problem = Problem(builder, reduced, prior, marginal)
-            position = problem.descend(position[None], target.levels - 1, settings.n_together)[0][0]
+            if target.wandering == UNIFORM:
+                problem = Problem(builder, reduced, prior, marginal)
+                position = problem.descend(position[None], target.levels - 1, settings.n_together)[0][0]
+            else:
+                joint = Joint(builder, plain, prior, model.space.to_si(position), scale)
+                shift = None if about is None else about.shift
+                position, about, _ = joint.descend_sharply(position, shift)
             reduced, marginal = beside(position, about, scale)
         found = judged_beside(builder, model, reduced, prior, position, marginal)
         # Likelihoods about a uniform section and about one that wanders are not of one kind.
@@ -135,7 +141,7 @@ def _moved(fit: Fit) -> float:
     marginal, found = fit.marginal, fit.judged.found
     if marginal.second is None or found is None:
         return 0.0
-    before = torch.zeros_like(found.shift) if marginal.about is None else marginal.about.shift
+    before = torch.zeros_like(found.shift) if marginal.about is None else marginal.about.of(len(found.shift)).shift
     return marginal.second.widths(found.shift - before)
 
 
@@ -156,7 +162,7 @@ def judged_beside(
     target, theta = builder.target, model.space.to_si(position)
     prediction = expected = builder.predict(reduced, theta)
     if marginal.about is not None:
-        prediction = builder.predict(wandered(reduced, theta, target.wandering, None), theta)
+        prediction = builder.predict(as_it_is_meant(reduced), theta)
     judged = marginal.judge(marginal.residual(target.off(expected)))
     problem = Problem(builder, reduced, prior, marginal)
 

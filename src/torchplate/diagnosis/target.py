@@ -19,8 +19,8 @@ from torch import Tensor
 from torchplate.diagnosis.settings import SETTINGS, DiagnosisSettings
 from torchplate.diagnosis.smoothing import Smoothing
 from torchplate.discrepancy.marginal import Marginal
-from torchplate.discrepancy.nuisance import nuisances
-from torchplate.discrepancy.wandering import UNIFORM, Found, Wandering
+from torchplate.discrepancy.nuisance import modes_near, nuisances
+from torchplate.discrepancy.wandering import UNIFORM, Found, Specimens, Wandering, wandered
 from torchplate.effects import Effect
 from torchplate.measurement import PERFECT, Imperfections, Measurement
 from torchplate.measurement.noise import Noise
@@ -167,13 +167,40 @@ class FrfTarget:
         # Whoever says that nothing of a test is imperfect asks for a world without nuisances, in the plate too.
         return UNIFORM if self.imperfections == PERFECT or not self.trusts_the_noise else self.settings.wandering
 
-    def marginal(self, model: PlateModel, theta: Float[Tensor, " n_parameter"], about: Found | None = None) -> Marginal:
+    def specimens(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Specimens:
+        """The specimens that a model may stand for.
+
+        Args:
+            model: in a basis.
+            theta: its parameters.
+        """
+        n_mode = modes_near(model, theta, self.frequency)
+        return Specimens(model, theta, self.wandering, self.imperfections.std("damping_scatter"), n_mode)
+
+    def specimen(self, model: PlateModel, theta: Float[Tensor, " n_parameter"], about: Found | None) -> PlateModel:
+        """The specimen that a model stands for.
+
+        Args:
+            model: in a basis.
+            theta: its parameters.
+            about: how far off it is; None where it is not.
+        """
+        return wandered(model, theta, self.wandering, about, self.imperfections.std("damping_scatter"))
+
+    def marginal(
+        self,
+        model: PlateModel,
+        theta: Float[Tensor, " n_parameter"],
+        about: Found | None = None,
+        specimen: bool = True,
+    ) -> Marginal:
         """Noise and nuisances beside a model, with the gain that it has where the level carries no unit.
 
         Args:
             model: in a basis.
             theta: its parameters.
-            about: how far its section wanders.
+            about: how far off the specimen is that it is.
+            specimen: whether it may be any further off.
         """
         freedom = dict.fromkeys(("mesh",), math.inf)
         told = self.settings.knowledge.told
@@ -181,16 +208,16 @@ class FrfTarget:
         if not self.trusts_the_noise:
             return Marginal(self.variance / self.independent, None, self.fitted, freedom, self.settings.knowledge)
         shift = torch.zeros_like(self.frequency) if self.mesh_shift is None else self.mesh_shift
-        spread = None if about is None else about.spread
-        found = nuisances(
-            model, theta, self.frequency, self.imperfections, self.wandering, shift, spread, self.mesh_left
-        )
+        wandering, imperfections = self.wandering, self.imperfections
+        if not specimen:
+            wandering, imperfections = UNIFORM, replace(imperfections, damping_scatter=0.0)
+        found = nuisances(model, theta, self.frequency, imperfections, wandering, shift, about, self.mesh_left)
         if self.gain_is_unknown:
-            gain = float(self._gain(self.measured, model.frf(theta, self.frequency)))
+            gain = self.gain_of(model, theta)
             common, own, other = (gain * part for part in found[:3])
             second = found.second_order._replace(factor=gain**2 * found.second_order.factor)
             found = found._replace(common=common, by_response=own, by_reference=other, second_order=second)
-        return Marginal(self.variance, found, self.fitted, freedom, self.settings.knowledge, about=about)
+        return Marginal(self.variance, found, self.fitted, freedom, self.settings.knowledge, about=found.about)
 
     def off(self, prediction: Tensor) -> Tensor:
         """What was measured less a prediction."""
@@ -220,6 +247,10 @@ class FrfTarget:
     def _at_level_of(self, measured: Tensor, found: Tensor) -> Tensor:
         """FRFs times one factor, where the measurement's level is unknown."""
         return found * self._gain(measured, found)[..., None, None, None] if self.gain_is_unknown else found
+
+    def gain_of(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> float:
+        """What brings a model to the level of the measurement."""
+        return float(self._gain(self.measured, model.frf(theta, self.frequency)))
 
     def _gain(self, measured: Tensor, found: Tensor) -> Tensor:
         weight = torch.where(self.fitted, 1 / measured.abs().square().sum(0).clamp(min=1e-300), 0.0)

@@ -44,7 +44,7 @@ class Marginal:
         freedom: of the prior of each group's scale; infinite where it is known exactly.
         knowledge: of the noise.
         scale: what each group is times what was said of it, where residuals are whitened; 1 where it is left out.
-        about: how far the section wanders in the model whose residuals come; None where it does not.
+        about: how far off the specimen is whose residuals come; None where it is not.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Marginal:
         self._given = (variance, nuisances, fitted)
         self.about = about
         self.second = None if nuisances is None else nuisances.second_order
-        self._n_wander = 0 if nuisances is None else nuisances.n_wander
+        self._n_off = 0 if nuisances is None else nuisances.n_off
         self.scale = dict(scale or {})
         self._second_order = 0.0
         if nuisances is not None:
@@ -152,9 +152,9 @@ class Marginal:
         return torch.view_as_real((off * self.weight).resolve_conj()).flatten(-4)
 
     def residual(self, off: Complex[Tensor, "*batch n_frequency n_response n_reference"]) -> Tensor:
-        """Those of a model whose section wanders, as if it did not: what it was taken about is put back."""
+        """Those of a specimen, as if it were none: what it was taken about is put back."""
         found = self.over_noise(off)
-        return found if self.about is None else found + self._common[:, : self._n_wander] @ self.about.shift
+        return found if self.about is None else found + self._common[:, : self._n_off] @ self.about.shift
 
     def whitened(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch n_residual"]:
         """(D + J S Jᵀ)^−½ of residuals over √D, with noise as large as was said."""
@@ -250,9 +250,15 @@ class Marginal:
         prior += self.knowledge.noise * (math.log(noise) + 1 / noise - 1)
         scales = dict(zip(self.names, scale.tolist(), strict=True))
         root = self._root(scale)
-        shift, k = mean * root, self._n_wander
+        shift, k = mean * root, self._n_off
         found = Found(shift[:k], (root[:, None] * inverse * root)[:k, :k]) if k else None
         return Judged(cost + prior, math.sqrt(noise), scales, white, self.n, shift, self._second_order, found)
+
+    def cost(self, residual: Float[Tensor, " n_residual"]) -> float:
+        """−2 ln p but for n ln 2π, noise and nuisances as large as was said."""
+        scale = torch.tensor([self.scale.get(name, 1.0) for name in self.names], dtype=torch.float64)
+        along = self.along(residual) if len(self.names) else residual.new_zeros(0)
+        return self._cost(float(residual.square().sum()), along, scale, 1.0)
 
     def _cost(self, square: float, along: Tensor, scale: Tensor, noise: float) -> float:
         """−2 ln p but for n ln 2π."""

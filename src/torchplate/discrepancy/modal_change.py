@@ -5,11 +5,12 @@ from typing import NamedTuple
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
+from torch.nn.functional import pad
 
 from torchplate.model import PlateModel
 from torchplate.model.frf import modal_denominator
 from torchplate.model.modes import solve_modes
-from torchplate.plate import Plan
+from torchplate.plate import Plan, System
 
 # Modes up to this multiple of the band's end are followed where the plate changes: higher ones answer as a spring does.
 REACH = 1.6
@@ -50,6 +51,10 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
         denominator = denominator + laplace[:, None] * own
     if system.hysteretic is not None:
         denominator = denominator + 1j * (shape * (system.hysteretic @ shape)).sum(0)
+    if model.damping_factor is not None:
+        n = min(len(model.damping_factor), len(eigenvalue))
+        own = damped_at_resonance(system, eigenvalue, shape)[:n]
+        denominator = denominator + 1j * pad((model.damping_factor[:n] - 1) * own, (0, len(eigenvalue) - n))
     plain = eigenvalue + laplace[:, None].square()
     kappa, _ = system.proportional.at(laplace)
     left = model.assembly.rows(model.mesh.deflection_at(response)) @ shape
@@ -57,6 +62,15 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
     n_low = int((eigenvalue < (REACH * float(laplace.imag.max())) ** 2).sum())
     kappa = kappa[:, None].expand_as(denominator)
     return Modal(eigenvalue, shape, kappa, denominator - plain, denominator, left, right, n_low)
+
+
+def damped_at_resonance(system: System, eigenvalue: Tensor, shape: Tensor) -> Float[Tensor, " n_mode"]:
+    """All that damps each mode at its own frequency [rad²/s²]."""
+    omega = eigenvalue.clamp(min=0.0).sqrt()
+    beta, eta, a, b = system.proportional
+    own = beta * omega.square() + eta + a * omega + b * omega**3
+    own = own + omega * (system.viscous[..., None] * (system.dashpot @ shape).square()).sum(-2)
+    return own if system.hysteretic is None else own + (shape * (system.hysteretic @ shape)).sum(0)
 
 
 def sum_of_modes(modal: Modal, left: Tensor, right: Tensor, weight: Tensor | None = None) -> Tensor:

@@ -18,10 +18,12 @@ from torch import Tensor
 
 from torchplate.discrepancy.modal_change import Modal, by_modes, of_mode, sum_of_modes, through_matrices
 from torchplate.discrepancy.second_order import SecondOrder
-from torchplate.discrepancy.wandering import Elements, Wandering, terms
+from torchplate.discrepancy.wandering import Elements, Found, Specimens, Wandering, terms
+from torchplate.effects import SensorChain
 from torchplate.measurement import Imperfections
 from torchplate.model import PlateModel
 from torchplate.model.frf import as_kind, laplace_lines
+from torchplate.model.modes import solve_modes
 from torchplate.plate import Plan
 
 
@@ -34,7 +36,8 @@ class Nuisances(NamedTuple):
         by_reference: of what each reference has of its own.
         group: names of the groups of each column of the three.
         second_order: what the first order leaves out.
-        n_wander: the first of the common ones, of a plate whose section wanders.
+        n_off: the first of the common ones, of what a specimen has of its own: its section, and its modes' damping.
+        about: the specimen that they are taken about; None for none.
     """
 
     common: Complex[Tensor, "n_frequency n_response n_reference n_common"]
@@ -42,7 +45,8 @@ class Nuisances(NamedTuple):
     by_reference: Complex[Tensor, "n_frequency n_response n_reference n_other"]
     group: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
     second_order: SecondOrder
-    n_wander: int = 0
+    n_off: int = 0
+    about: Found | None = None
 
 
 @torch.no_grad()
@@ -53,7 +57,7 @@ def nuisances(
     imperfections: Imperfections,
     wandering: Wandering,
     mesh_shift: Float[Tensor, " n_frequency"],
-    spread: Float[Tensor, "n_wander n_wander"] | None = None,
+    about: Found | None = None,
     mesh: tuple[float, float] = (0.0, 0.0),
 ) -> Nuisances:
     """The nuisances of one test of one plate.
@@ -65,19 +69,15 @@ def nuisances(
         imperfections: of the test.
         wandering: of the plate.
         mesh_shift: relative error that the mesh leaves of a natural frequency near each line [-].
-        spread: covariance of how far the section wanders, in standard deviations, where the model has it as it was
-            found; None where it has it uniform.
+        about: how far off the specimen is that the model is; None where it is none.
         mesh: what the mesh leaves of the deflections: distance by which lines of equal deflection are off [m], and part
             of them [-].
     """
-    plan = model.plan(theta)
-    response, reference, kind = model._points(None, None, None)
-    chain = model._chain(theta, plan, laplace_lines(frequency.to(theta), 0.0), response, reference)
-    modal = by_modes(model, plan, chain.laplace, chain.response, reference)
-    to_reading = _Reading(chain, kind, chain.factor.shape[-2:])
+    plan, reference, modal, to_reading = _apart(model, theta, frequency)
+    chain, kind = to_reading.chain, to_reading.kind
     reading = as_kind(sum_of_modes(modal, modal.left, modal.right), chain, kind)
     n_response, n_reference = reading.shape[-2:]
-    top = (2 * math.pi * 1.1 * float(frequency[-1])) ** 2
+    top = _top(frequency)
     near = torch.nonzero(modal.eigenvalue < top).flatten()
     elastic = near[modal.eigenvalue[near] > 1e-6 * top]
 
@@ -91,7 +91,9 @@ def nuisances(
         common.append((name, to_reading(through_matrices(modal, stiffness, mass, chain.laplace))))
     damped = imperfections.std("damping_scatter")
     if damped > 0:
-        common += [("damping_scatter", to_reading(damped * of_mode(modal, m, modal.damping[:, m]))) for m in near]
+        common += [("damping_scatter", to_reading(_damped(modal, m, damped))) for m in range(len(near))]
+    n_off = len(common)
+    about = None if about is None else about.of(n_off)
     at = torch.searchsorted(
         frequency.to(theta).contiguous(), modal.eigenvalue[elastic].clamp(min=0).sqrt() / (2 * math.pi)
     )
@@ -136,19 +138,24 @@ def nuisances(
     low = torch.arange(modal.n_low)
     each = nothing.new_zeros(len(nothing), len(wander))
     moves = [stiffness.diagonal() - modal.eigenvalue[: modal.n_low] * mass.diagonal() for _, stiffness, mass in wander]
-    if spread is None:
+    if about is None:
         for (name, _, _), diagonal in zip(wander, moves, strict=True):
             before = moving.get(name, nothing)
             moving[name] = before.square().index_add(0, low, diagonal.square()).sqrt()
     if wander:
         each[: modal.n_low] = torch.stack(moves, dim=-1)
-    if spread is not None:
-        moving["found"] = ((each @ spread) * each).sum(-1).clamp(min=0).sqrt()
+    scatter = torch.full_like(modal.eigenvalue, damped)
+    if about is not None:
+        k = len(wander)
+        moving["found"] = ((each @ about.spread[:k, :k]) * each).sum(-1).clamp(min=0).sqrt()
+        known = about.spread.diagonal()[k:].clamp(min=0).sqrt()
+        scatter[: len(known)] *= known
     plain = chain._replace(reading=None)
     factor = as_kind(torch.ones_like(reading), plain, "accelerance" if kind == "transmissibility" else kind)
     second_order = SecondOrder(
         moving,
-        damped,
+        scatter,
+        about is None,
         modal.kappa.abs(),
         modal.damping.abs(),
         modal.denominator.abs(),
@@ -161,20 +168,81 @@ def nuisances(
     columns = [_stacked([change for _, change in part], reading) for part in (common, own, other)]
     names = [tuple(name for name, _ in part) for part in (common, own, other)]
     groups = (names[0], names[1], names[2])
-    return Nuisances(columns[0], columns[1], columns[2], groups, second_order, len(wander))
+    return Nuisances(columns[0], columns[1], columns[2], groups, second_order, n_off, about)
+
+
+@torch.no_grad()
+def specimen_columns(
+    model: PlateModel,
+    theta: Float[Tensor, " n_parameter"],
+    frequency: Float[Tensor, " n_frequency"],
+    specimens: Specimens,
+) -> Complex[Tensor, "n_frequency n_response n_reference n_off"]:
+    """What each way to be off, one standard deviation large, adds to the FRFs of a specimen.
+
+    Args:
+        model: the specimen.
+        theta: its searched parameters.
+        frequency: lines [Hz].
+        specimens: in the model's basis.
+    """
+    _, _, modal, to_reading = _apart(model, theta, frequency)
+    every = modal._replace(n_low=len(modal.eigenvalue))
+    shape, laplace = modal.shape, to_reading.chain.laplace
+    changes = [
+        to_reading(through_matrices(every, shape.mT @ stiffness @ shape, shape.mT @ mass @ shape, laplace))
+        for stiffness, mass in zip(specimens.stiffness, specimens.mass, strict=True)
+    ]
+    for m in range(len(specimens.names) - specimens.n_term):
+        changes.append(to_reading(_damped(modal, m, specimens.damping)))
+    return torch.stack(changes, dim=-1)
+
+
+def modes_near(model: PlateModel, theta: Float[Tensor, " n_parameter"], frequency: Tensor) -> int:
+    """How many modes lie in the band or a little above it: those whose damping is seen.
+
+    Args:
+        model: in a basis.
+        theta: its searched parameters.
+        frequency: lines [Hz].
+    """
+    plan = model.plan(theta)
+    system = model.assembly.system(*plan)
+    eigenvalue, _ = solve_modes(system.stiffness, system.mass)
+    return int((eigenvalue < _top(frequency)).sum())
+
+
+def _top(frequency: Tensor) -> float:
+    """Where modes are no longer near a band [rad²/s²]."""
+    return (2 * math.pi * 1.1 * float(frequency[-1])) ** 2
+
+
+def _damped(modal: Modal, m: int, damping: float) -> Tensor:
+    """Receptances as one mode's ln damping grows by this."""
+    at = torch.tensor(m)
+    return of_mode(modal, at, damping * modal.damping[:, m])
 
 
 class _Reading(NamedTuple):
     """From a change of receptance to a change of the reading."""
 
-    chain: object
+    chain: SensorChain
     kind: str
-    shape: torch.Size
 
     def __call__(self, change: Tensor) -> Tensor:
-        chain = self.chain
-        zero = as_kind(torch.zeros_like(change), chain, self.kind)  # type: ignore[arg-type]
-        return as_kind(change, chain, self.kind) - zero  # type: ignore[arg-type]
+        zero = as_kind(torch.zeros_like(change), self.chain, self.kind)
+        return as_kind(change, self.chain, self.kind) - zero
+
+
+def _apart(
+    model: PlateModel, theta: Float[Tensor, " n_parameter"], frequency: Float[Tensor, " n_frequency"]
+) -> tuple[Plan, Tensor | None, Modal, _Reading]:
+    """What a model is made of at these lines, its references and modes, and how it is read."""
+    plan = model.plan(theta)
+    response, reference, kind = model._points(None, None, None)
+    chain = model._chain(theta, plan, laplace_lines(frequency.to(theta), 0.0), response, reference)
+    modal = by_modes(model, plan, chain.laplace, chain.response, reference)
+    return plan, reference, modal, _Reading(chain, kind)
 
 
 def _stacked(parts: list[Tensor], like: Tensor) -> Tensor:

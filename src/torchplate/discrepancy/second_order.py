@@ -13,7 +13,8 @@ class SecondOrder(NamedTuple):
 
     Attributes:
         moving: standard deviation of each mode's eigenvalue by each group [rad²/s²].
-        damped: that of the damping of all modes, relative [-].
+        damped: that of each mode's damping, relative [-].
+        scales: whether it does with the size of its group.
         kappa: what λ is times in the denominator, its absolute value.
         damping: the part of the denominator that damps, likewise.
         width: the denominator itself, likewise.
@@ -25,7 +26,8 @@ class SecondOrder(NamedTuple):
     """
 
     moving: Mapping[str, Float[Tensor, " n_mode"]]
-    damped: float
+    damped: Float[Tensor, " n_mode"]
+    scales: bool
     kappa: Float[Tensor, "n_frequency n_mode"]
     damping: Float[Tensor, "n_frequency n_mode"]
     width: Float[Tensor, "n_frequency n_mode"]
@@ -35,15 +37,16 @@ class SecondOrder(NamedTuple):
     reading: Tensor | None = None
     moves: Float[Tensor, "n_mode n_wander"] | None = None
 
-    def widths(self, shift: Float[Tensor, " n_wander"]) -> float:
+    def widths(self, shift: Float[Tensor, " n_off"]) -> float:
         """How far a wandering section moves the mode that it moves farthest, in widths of that mode's peak [-].
 
         Args:
-            shift: of its terms, in standard deviations.
+            shift: of its terms, in standard deviations, and of what else a specimen has of its own.
         """
-        if self.moves is None or not shift.numel():
+        if self.moves is None or not self.moves.numel():
             return 0.0
-        return float(((self.moves @ shift).abs() * (self.kappa / self.width).amax(0)).max())
+        moved = self.moves @ shift[: self.moves.shape[-1]]
+        return float((moved.abs() * (self.kappa / self.width).amax(0)).max())
 
     def variance(self, scale: Mapping[str, float]) -> Float[Tensor, "n_frequency n_response n_reference"]:
         """Variance of the real and of the imaginary part.
@@ -53,7 +56,8 @@ class SecondOrder(NamedTuple):
         """
         square = sum((scale.get(name, 1.0) * part).square() for name, part in self.moving.items())
         q = torch.as_tensor(square).to(self.width).sqrt() * self.kappa / self.width
-        d = scale.get("damping_scatter", 1.0) * self.damped * self.damping / self.width
+        size = scale.get("damping_scatter", 1.0) if self.scales else 1.0
+        d = size * self.damped * self.damping / self.width
         share = (q.square() / (1 + q)).square() + (d.square() / (1 + d)).square()
         found = ((0.5 * share / self.width.square()) @ self.pairs.mT).unflatten(-1, self.factor.shape[1:])
         found = (found + 0.5 * scale.get("position_std", 1.0) ** 4 * self.places) * self.factor

@@ -252,22 +252,22 @@ class PlateModel(nn.Module):
         twin.couples_modes = False
         return twin
 
-    def with_damping_factors(self, factor: Float[Tensor, " n_mode"]) -> "PlateModel":
+    def with_damping_factors(self, factor: Float[Tensor, " n_mode"] | None) -> "PlateModel":
         """The same model, each mode's damping a number of times what its law makes of it: no plate obeys one exactly.
 
         Args:
-            factor: of the lowest modes [-], ≥ 0; modes beyond keep theirs.
+            factor: of the lowest modes [-], ≥ 0; modes beyond keep theirs. None where all obey the law.
 
         Raises:
             ValueError: if the model is in a basis of shared modes, which takes one law for all.
         """
-        if self.shared_modes is not None:
+        if self.shared_modes is not None and factor is not None:
             raise ValueError(
                 "Expected a model with matrices of its own, got one in a basis of shared modes. Give the model before "
                 "`reduce`, or in the basis of `ritz_basis`."
             )
         twin = self._twin()
-        twin.damping_factor = factor.to(self.known)
+        twin.damping_factor = None if factor is None else factor.to(self.known)
         return twin
 
     def in_single_precision(self) -> "PlateModel":

@@ -21,7 +21,6 @@ from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
 from torchplate.diagnosis.selection.shortlist import acts_like, best_of_each, kept, promising
 from torchplate.diagnosis.selection.trace import Ranked, State
-from torchplate.discrepancy.wandering import wandered
 from torchplate.model import PlateModel
 
 
@@ -44,7 +43,7 @@ class Ranking:
         """Score the whole catalogue, and refit what promises most."""
         builder, misfit = self.builder, state.fit.reduced_misfit
         base = builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
-        base = wandered(base, state.fit.theta, builder.target.wandering, state.fit.about)
+        base = builder.target.specimen(base, state.fit.theta, state.fit.about)
         rearranged = self._rearranged(state)
         everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys())
         self.say(f"scoring {len(everyone)} candidates")
