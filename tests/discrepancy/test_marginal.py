@@ -20,7 +20,7 @@ def none(shape) -> SecondOrder:
     nothing = torch.zeros(shape[0], 1, dtype=torch.float64)
     pairs = torch.zeros(shape[1] * shape[2], 1, dtype=torch.float64)
     none_of_all = torch.zeros(shape, dtype=torch.float64)
-    return SecondOrder({}, 0.0, nothing, nothing, nothing + 1, pairs, none_of_all, none_of_all + 1)
+    return SecondOrder({}, nothing, True, nothing, nothing, nothing + 1, pairs, none_of_all, none_of_all + 1)
 
 
 def marginal(seed=0, shape=SHAPE, size=1.0, fitted=None, freedom=None) -> Marginal:

@@ -6,8 +6,8 @@
 - `holdout`: the FRFs that no fit sees; `tolerance`: numbers that are known as well as a ruler knows them.
 - `target`: what the models are held against, and residuals from wide to sharp; `smoothing`: of the wide ones.
 - `model_builder`: one mesh for all models, its error taken off, and bases that are right where they are used.
-- `fit`: the refit of one hypothesis; `problem`: its residuals, and the ways down; `judged`: it beside noise and
-  nuisances; `basins`: where it begins when nothing is known.
+- `fit`: the refit of one hypothesis; `joint`: its parameters and the specimen at once; `problem`: its residuals, and
+  the ways down; `judged`: it beside noise and nuisances; `basins`: where it begins when nothing is known.
 - `localisation`: where the misfit sits: in frequency, in the channels, on the plate, and of which kind it is.
 - `assurance`: FRAC, CSAC, CSF and FDAC of what was measured with a model.
 - `next_measurement`: the cheapest measurement that would part equivalents.

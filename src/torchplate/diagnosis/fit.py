@@ -15,7 +15,8 @@ from torchplate.diagnosis.joint import Ended, Joint
 from torchplate.diagnosis.judged import Fit, judged_beside, settled, unfitted
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem, widely
-from torchplate.discrepancy.wandering import UNIFORM, Found
+from torchplate.discrepancy.specimen import Found
+from torchplate.discrepancy.wandering import UNIFORM
 from torchplate.model import PlateModel
 
 
@@ -49,7 +50,8 @@ def fit(
         if turn == 0 or (turn == 1 and builder.held):
             corrected = builder.corrected(model, theta).model
         plain = builder.reduced(corrected, theta[None])
-        reduced = target.specimen(plain, theta, about)
+        specimens = target.specimens(plain, theta)
+        reduced = specimens.of(about)
         starts = start if turn == 0 else position[None]
         if turn == 0 and wide:
             starts, _ = widely(Problem(builder, reduced, prior), starts, target.settings.selecting.n_best)
@@ -62,8 +64,7 @@ def fit(
             best = int(values.argmin())
             position, value = places[best], float(values[best])
         else:
-            ended = _jointly(Joint(builder, plain, prior, theta), starts, about, turn)
-            position, about, value = ended
+            position, about, value = _jointly(Joint(builder, model, specimens, prior), starts, about)
         moved = (position - last).abs().max()
         if turn > 0 and abs(before - value) <= settings.settled * value:
             break
@@ -72,27 +73,26 @@ def fit(
         if turn + 1 >= settings.n_basis and value > settings.falling * before:
             break
     if 2 * value > hopeless:
-        reduced = target.specimen(plain, theta, about)
+        reduced = specimens.of(about)
         marginal = target.marginal(reduced, model.space.to_si(position), about)
         return judged_beside(builder, corrected, reduced, prior, position, marginal)
     if target.wandering == UNIFORM and problem.knows and not turn:
         places, _, _ = problem.descend(position[None], target.levels - 1, settings.n_iteration, settings.free)
         position = places[0]
-    return settled(builder, corrected, plain, prior, position, about)
+    return settled(builder, corrected, plain, prior, position, about, specimens=specimens)
 
 
-def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | None, turn: int) -> Ended:
-    """Parameters and section at the sharp level; where nothing is known of the section, from a little smoothed ones."""
+def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | None) -> Ended:
+    """Parameters and specimen at the sharp level; where nothing is known of the specimen, first a little smoothed."""
     settings, target = joint.settings, joint.target
     sharp = target.levels - 1
     if about is None:
-        wide = target.settings.wide
-        ends = [joint.descend(one, None, sharp - 1, wide.n_iteration[-1], wide.damping) for one in starts]
+        wide, nothing = target.settings.wide, starts.new_zeros(0)
+        ends = [joint.descend(one, nothing, sharp - 1, wide.n_iteration[-1], wide.damping) for one in starts]
         best = min(ends, key=lambda one: one.value)
-        start, shift = best.position, best.found.shift
-    else:
-        start, shift = starts[0], about.shift
-        if len(starts) > 1:
-            places, values, _ = joint.beside(start, about).descend(starts, sharp, settings.n_together)
-            start = places[values.argmin()]
-    return joint.descend_sharply(start, shift)
+        return joint.descend_sharply(best.position, best.found.shift)
+    start = starts[0]
+    if len(starts) > 1:
+        places, values, _ = joint.beside(start, about).descend(starts, sharp, settings.n_together)
+        start = places[values.argmin()]
+    return joint.descend_sharply(start, about.shift)

@@ -13,7 +13,8 @@ from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.settings import Comparison
 from torchplate.discrepancy.judged import Judged
 from torchplate.discrepancy.marginal import Marginal
-from torchplate.discrepancy.wandering import UNIFORM, Found, as_it_is_meant
+from torchplate.discrepancy.specimen import Found, Specimens, as_it_is_meant
+from torchplate.discrepancy.wandering import UNIFORM
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
 
@@ -89,6 +90,7 @@ def settled(
     about: Found | None,
     scale: Mapping[str, float] | None = None,
     fitted_on: bool = True,
+    specimens: Specimens | None = None,
 ) -> Fit:
     """Judged where it ended, and fitted on beside nuisances as they are found there, unless told not to.
 
@@ -99,9 +101,11 @@ def settled(
     best: Fit | None = None
     scale = scale or {}
 
+    specimens = specimens or target.specimens(plain, model.space.to_si(position))
+
     def beside(position: Tensor, about: Found | None, scale: Mapping[str, float]) -> tuple[PlateModel, Marginal]:
         theta = model.space.to_si(position)
-        reduced = target.specimen(plain, theta, about)
+        reduced = specimens.of(about)
         marginal = target.marginal(reduced, theta, about)
         return reduced, marginal.rescaled(scale) if scale else marginal
 
@@ -112,8 +116,8 @@ def settled(
                 problem = Problem(builder, reduced, prior, marginal)
                 position = problem.descend(position[None], target.levels - 1, settings.n_together)[0][0]
             else:
-                joint = Joint(builder, plain, prior, model.space.to_si(position), scale)
-                shift = None if about is None else about.shift
+                joint = Joint(builder, model, specimens, prior, scale)
+                shift = position.new_zeros(0) if about is None else about.shift
                 position, about, _ = joint.descend_sharply(position, shift)
             reduced, marginal = beside(position, about, scale)
         found = judged_beside(builder, model, reduced, prior, position, marginal)

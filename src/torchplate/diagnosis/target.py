@@ -20,7 +20,8 @@ from torchplate.diagnosis.settings import SETTINGS, DiagnosisSettings
 from torchplate.diagnosis.smoothing import Smoothing
 from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.nuisance import modes_near, nuisances
-from torchplate.discrepancy.wandering import UNIFORM, Found, Specimens, Wandering, wandered
+from torchplate.discrepancy.specimen import Found, Specimens, as_it_is_meant
+from torchplate.discrepancy.wandering import UNIFORM, Wandering
 from torchplate.effects import Effect
 from torchplate.measurement import PERFECT, Imperfections, Measurement
 from torchplate.measurement.noise import Noise
@@ -185,7 +186,7 @@ class FrfTarget:
             theta: its parameters.
             about: how far off it is; None where it is not.
         """
-        return wandered(model, theta, self.wandering, about, self.imperfections.std("damping_scatter"))
+        return as_it_is_meant(model) if about is None else self.specimens(model, theta).of(about)
 
     def marginal(
         self,

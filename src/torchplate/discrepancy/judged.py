@@ -7,7 +7,7 @@ from typing import NamedTuple
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.discrepancy.wandering import Found
+from torchplate.discrepancy.specimen import Found
 
 
 class Judged(NamedTuple):

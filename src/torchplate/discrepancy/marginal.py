@@ -26,7 +26,7 @@ from torch import Tensor
 
 from torchplate.discrepancy.judged import Judged, Knowledge
 from torchplate.discrepancy.nuisance import Nuisances
-from torchplate.discrepancy.wandering import Found
+from torchplate.discrepancy.specimen import Found
 
 # Fixed points are at rest where no scale changes by more than this part; and after so many turns in any case.
 AT_REST, N_TURN = 1e-3, 60
@@ -91,6 +91,8 @@ class Marginal:
 
     def rescaled(self, scale: Mapping[str, float]) -> "Marginal":
         """The same with nuisances of another size."""
+        if dict(scale) == self.scale:
+            return self
         return Marginal(*self._given, self.freedom, self.knowledge, scale, self.about)
 
     def _weighed(self, columns: Complex[Tensor, "n_frequency n_response n_reference k"] | None) -> Tensor:

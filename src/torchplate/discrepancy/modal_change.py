@@ -25,6 +25,7 @@ class Modal(NamedTuple):
         kappa: what λ is times in the denominator.
         damping: the part of the denominator that damps [rad²/s²].
         denominator: z.
+        own_damping: what damps each mode at its own frequency [rad²/s²].
         left: Φ at the responses.
         right: at the references.
         n_low: modes that a change of the plate is followed through.
@@ -35,6 +36,7 @@ class Modal(NamedTuple):
     kappa: Complex[Tensor, "n_frequency n_mode"]
     damping: Complex[Tensor, "n_frequency n_mode"]
     denominator: Complex[Tensor, "n_frequency n_mode"]
+    own_damping: Float[Tensor, " n_mode"]
     left: Float[Tensor, "n_response n_mode"]
     right: Float[Tensor, "n_reference n_mode"]
     n_low: int
@@ -51,17 +53,18 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
         denominator = denominator + laplace[:, None] * own
     if system.hysteretic is not None:
         denominator = denominator + 1j * (shape * (system.hysteretic @ shape)).sum(0)
+    own = damped_at_resonance(system, eigenvalue, shape)
     if model.damping_factor is not None:
-        n = min(len(model.damping_factor), len(eigenvalue))
-        own = damped_at_resonance(system, eigenvalue, shape)[:n]
-        denominator = denominator + 1j * pad((model.damping_factor[:n] - 1) * own, (0, len(eigenvalue) - n))
+        n = min(len(model.damping_factor), len(own))
+        excess = pad((model.damping_factor[:n] - 1) * own[:n], (0, len(own) - n))
+        denominator, own = denominator + 1j * excess, own + excess
     plain = eigenvalue + laplace[:, None].square()
     kappa, _ = system.proportional.at(laplace)
     left = model.assembly.rows(model.mesh.deflection_at(response)) @ shape
     right = model.excitation(plan, reference) @ shape
     n_low = int((eigenvalue < (REACH * float(laplace.imag.max())) ** 2).sum())
     kappa = kappa[:, None].expand_as(denominator)
-    return Modal(eigenvalue, shape, kappa, denominator - plain, denominator, left, right, n_low)
+    return Modal(eigenvalue, shape, kappa, denominator - plain, denominator, own, left, right, n_low)
 
 
 def damped_at_resonance(system: System, eigenvalue: Tensor, shape: Tensor) -> Float[Tensor, " n_mode"]:

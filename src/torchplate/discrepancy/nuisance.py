@@ -18,7 +18,8 @@ from torch import Tensor
 
 from torchplate.discrepancy.modal_change import Modal, by_modes, of_mode, sum_of_modes, through_matrices
 from torchplate.discrepancy.second_order import SecondOrder
-from torchplate.discrepancy.wandering import Elements, Found, Specimens, Wandering, terms
+from torchplate.discrepancy.specimen import Found, Specimens
+from torchplate.discrepancy.wandering import Elements, Wandering, terms
 from torchplate.effects import SensorChain
 from torchplate.measurement import Imperfections
 from torchplate.model import PlateModel
@@ -219,8 +220,8 @@ def _top(frequency: Tensor) -> float:
 
 def _damped(modal: Modal, m: int, damping: float) -> Tensor:
     """Receptances as one mode's ln damping grows by this."""
-    at = torch.tensor(m)
-    return of_mode(modal, at, damping * modal.damping[:, m])
+    change = 1j * damping * modal.own_damping[m]
+    return of_mode(modal, torch.tensor(m), change.expand(len(modal.denominator)))
 
 
 class _Reading(NamedTuple):

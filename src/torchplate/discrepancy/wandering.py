@@ -1,10 +1,6 @@
 """A plate whose section wanders around its mean: smooth terms of thickness and modulus, and a grain.
 
-Each term changes stiffness and mass of the elements by a standard deviation. How far a plate has each is not known;
-what its FRFs say of that can be put into a model (`wandered`), around which the rest is small enough to be linear.
-
-Source: Lindstrom and Bates, Nonlinear mixed effects models for repeated measures data, Biometrics 46 (1990) 673, for
-linearising about the nuisances as they are found, and not about none.
+Each term changes stiffness and mass of the elements by a standard deviation. How far a plate has each is not known.
 """
 
 import math
@@ -16,8 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.model import PlateModel
-from torchplate.model.extrapolation import on_mesh
-from torchplate.plate import Correction, Plan, Unevenness
+from torchplate.plate import Plan, Unevenness
 
 # Step of the plate's section from which the change of its matrices is taken: they are polynomials of low order in it.
 STEP = 1e-4
@@ -43,30 +38,6 @@ class Wandering:
 
 # A plate that is the same everywhere.
 UNIFORM = Wandering(0.0, 0.0, 0.0, 0)
-
-
-class Found(NamedTuple):
-    """How a specimen differs from a uniform plate whose damping obeys a law, as FRFs say.
-
-    Attributes:
-        shift: posterior means, in standard deviations: of each term of the section, then of ln damping of the lowest
-            modes.
-        spread: their posterior covariance.
-    """
-
-    shift: Float[Tensor, " n_off"]
-    spread: Float[Tensor, "n_off n_off"]
-
-    def within(self, most: float) -> "Found":
-        """Shifts of so many standard deviations at most: a model about farther ones would be no plate any more."""
-        return self._replace(shift=self.shift.clamp(-most, most))
-
-    def of(self, n: int) -> "Found":
-        """The same for so many: modes that came in are as they may be, of those that left nothing is said."""
-        old = min(n, len(self.shift))
-        shift, spread = self.shift.new_zeros(n), torch.eye(n).to(self.spread)
-        shift[:old], spread[:old, :old] = self.shift[:old], self.spread[:old, :old]
-        return Found(shift, spread)
 
 
 class Term(NamedTuple):
@@ -153,76 +124,3 @@ class Elements:
 
     def _weighed(self, weight: Tensor) -> Tensor:
         return (self._rows * weight[:, None, None]).flatten(0, 1)
-
-
-class Specimens:
-    """The specimens that a model may stand for: sections that wander, and modes whose damping is off its law.
-
-    Args:
-        model: in a basis.
-        theta: its searched parameters where the terms are meant.
-        wandering: how far the section may wander.
-        damping: standard deviation of each mode's ln damping [-].
-        n_mode: modes whose damping may be off.
-    """
-
-    @torch.no_grad()
-    def __init__(
-        self,
-        model: PlateModel,
-        theta: Float[Tensor, " n_parameter"],
-        wandering: Wandering,
-        damping: float = 0.0,
-        n_mode: int = 0,
-    ) -> None:
-        self.uniform = as_it_is_meant(model)
-        self.damping = damping
-        plan = model.plan(theta)
-        elements = Elements(model, plan)
-        every = terms(model, plan, wandering)
-        self.n_term = len(every)
-        self.names = tuple(one.name for one in every) + ("damping_scatter",) * (n_mode if damping > 0 else 0)
-        matrices = [(elements.stiffness(one.stiffness, one.coefficient), elements.mass(one.mass)) for one in every]
-        size = model.assembly.size
-        plain = torch.zeros(0, size, size).to(model.known)
-        self.stiffness, self.mass = (
-            torch.stack([0.5 * (pair[k] + pair[k].mT) for pair in matrices]) if matrices else plain for k in (0, 1)
-        )
-        self._measures = (
-            Correction.measure(plan.section.rigidity, plan.geometry),
-            Unevenness.measure(plan.section.areal_mass, plan.geometry),
-        )
-
-    def at(self, shift: Float[Tensor, " n_off"]) -> PlateModel:
-        """The model of a specimen so many standard deviations off in each."""
-        terms, modes = shift[: self.n_term], shift[self.n_term :]
-        stiffness, mass = (torch.einsum("t,tij->ij", terms.to(part), part) for part in (self.stiffness, self.mass))
-        uneven = Unevenness(stiffness, mass, *self._measures)
-        found = on_mesh(self.uniform, self.uniform.assembly.uneven(uneven))
-        return found.with_damping_factors((self.damping * modes).exp()) if len(modes) and self.damping > 0 else found
-
-
-def as_it_is_meant(model: PlateModel) -> PlateModel:
-    """The model of a uniform plate whose damping obeys its law, whatever it was before."""
-    return on_mesh(model, model.assembly.uneven(None)).with_damping_factors(None)
-
-
-def wandered(
-    model: PlateModel,
-    theta: Float[Tensor, " n_parameter"],
-    wandering: Wandering,
-    found: Found | None,
-    damping: float = 0.0,
-) -> PlateModel:
-    """The model of a specimen, in the place of any that it was before.
-
-    Args:
-        model: in a basis.
-        theta: its searched parameters where the terms are meant.
-        wandering: how far its section may wander.
-        found: how far off it is; None where it is not.
-        damping: standard deviation of each mode's ln damping [-].
-    """
-    if found is None:
-        return as_it_is_meant(model)
-    return Specimens(model, theta, wandering, damping).at(found.shift)

@@ -146,7 +146,8 @@ class ForwardSelection:
         """The fit of the given model on its own mesh, error and all."""
         builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
         start = baseline.model.space.to_cube(baseline.fit.theta)[None]
-        found = fit(builder, builder.given, start, self.prior)
+        limit = self.builder.target.settings.searching.hopeless * baseline.fit.square
+        found = fit(builder, builder.given, start, self.prior, hopeless=limit)
         self.builder.count(builder.n_evaluation)
         return found
 

@@ -16,7 +16,7 @@ from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.localisation.localise import missing_force
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem, one_level, widely
-from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise, known_section
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_noise, known_section
 from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
 from torchplate.diagnosis.selection.shortlist import acts_like, best_of_each, kept, promising
@@ -72,7 +72,10 @@ class Ranking:
         hypotheses = self._run_off(state, best_of_each(hypotheses + self._again(state)))
         ended: list[Hypothesis] = []
         for found in hypotheses:
-            priced, supports = self.as_supports(state, found) if found.candidate.effect.to_ground else (found, [])
+            # Beside noise, what is not needed where it acts alone is no support either.
+            alone = not is_noise(state.fit) or is_needed(state.fit, found, by_chance)
+            grounded = found.candidate.effect.to_ground and alone
+            priced, supports = self.as_supports(state, found) if grounded else (found, [])
             # A support stays where it is: it is named where little else is missing, and it is there.
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= selecting.little)]
         return Ranked(tuple(promises), tuple(best_of_each(ended)), by_chance)

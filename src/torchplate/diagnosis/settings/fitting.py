@@ -95,6 +95,8 @@ class Fitting:
         smaller: part of what was said that a nuisance has to be for that [-].
         moved: or part of a peak's width by which the section has to move a mode [-].
         little: fall of −2 ln L that is worth no further time [-].
+        n_way: parts of the way of parameters and specimen together, at most [-]: linear nuisances anew at each.
+        parts: of a single step that are tried, one after another, until one leads down [-].
         farthest: a term of a section is put into the model with so many standard deviations at most [-]: a twentieth
             of its thickness.
     """
@@ -112,6 +114,8 @@ class Fitting:
     smaller: float = 0.5
     moved: float = 0.3
     little: float = 1.0
+    n_way: int = 16
+    parts: tuple[float, ...] = (1.0, 0.5, 0.25)
     farthest: float = 10.0
 
 
