@@ -239,6 +239,8 @@ class ForwardSelection:
         was not the mesh.
         """
         builder, target = self.builder, self.builder.target
+        if not state.named and is_noise(state.fit):
+            return state
         state = self.exchange.judged_again(state)
         little = state.fit.by_noise and state.fit.reduced_misfit < self.settings.doubtful
         if not little and not state.named:

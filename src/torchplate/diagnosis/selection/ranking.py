@@ -69,12 +69,13 @@ class Ranking:
                 chosen += further
                 promises = promises or widely_scored
         hypotheses += self._refitted(state, chosen, hypotheses)
-        hypotheses = self._run_off(state, best_of_each(hypotheses + self._again(state)))
+        hypotheses = best_of_each(hypotheses + self._again(state))
+        # Beside noise, effects that are not needed are a check and no more.
+        if is_noise(state.fit) and not any(is_needed(state.fit, one, by_chance) for one in hypotheses):
+            return Ranked(tuple(promises), tuple(hypotheses), by_chance)
         ended: list[Hypothesis] = []
-        for found in hypotheses:
-            # Beside noise, what is not needed where it acts alone is no support either.
-            alone = not is_noise(state.fit) or is_needed(state.fit, found, by_chance)
-            grounded = found.candidate.effect.to_ground and alone
+        for found in self._run_off(state, hypotheses):
+            grounded = found.candidate.effect.to_ground
             priced, supports = self.as_supports(state, found) if grounded else (found, [])
             # A support stays where it is: it is named where little else is missing, and it is there.
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= selecting.little)]
