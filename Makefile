@@ -30,6 +30,8 @@ diagnose: $(VENV)/.run
 # A process for each core takes the tests file by file, with one thread: on small matrices the threads of two pools that
 # share few cores wait for each other.
 test check: export OMP_NUM_THREADS = 1
+# Of every function, not only its first of each test: see tests/conftest.py.
+check: export CHECKED_CALLS = 1000000000
 PARALLEL = -n auto --dist loadfile
 
 test: $(VENV)/.check
@@ -44,7 +46,7 @@ check: $(VENV)/.docs
 	$(BIN)/mypy
 	$(BIN)/python -m pytest $(PARALLEL) -m 'check or not check' --doctest-modules src tests
 	@for kind in default avx2; do echo "as a processor of kind $$kind rounds"; \
-	  ATEN_CPU_CAPABILITY=$$kind $(BIN)/python -m pytest $(PARALLEL) -q $(ROUNDING) || exit 1; done
+	  ATEN_CPU_CAPABILITY=$$kind $(BIN)/python -m pytest $(PARALLEL) -q -m 'check or not check' $(ROUNDING) || exit 1; done
 
 # The theme would print an advertisement of the next major version of mkdocs.
 docs: $(VENV)/.docs

@@ -1,9 +1,57 @@
-"""Where the tensors of a test live: on every kind of device that this machine has."""
+"""Where the tensors of a test live, and how often the shapes of a function's arguments are checked."""
 
+import dataclasses
+import functools
+import os
+from collections import Counter
+from collections.abc import Callable
+from types import FunctionType
+from typing import Any
+
+import jaxtyping
 import pytest
 import torch
 
 NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="this machine has no CUDA device")
+
+# Shapes and types are checked at so many first calls of each function in each test: to check thousands of calls that
+# are alike takes half of the time of all tests. `make check` checks every call.
+FIRST_CALLS = int(os.environ.get("CHECKED_CALLS", "1"))
+
+_every_call = jaxtyping.jaxtyped
+_n_call: Counter[int] = Counter()
+
+
+def at_first_calls(target: Any = None, *, typechecker: Callable) -> Any:
+    """`jaxtyping.jaxtyped` as its import hook writes it before each function and class."""
+    if target is None:
+        return functools.partial(at_first_calls, typechecker=typechecker)
+    if dataclasses.is_dataclass(target) and not hasattr(target.__init__, "__wrapped__"):
+        target.__init__ = at_first_calls(target.__init__, typechecker=typechecker)
+        return target
+    if not isinstance(target, FunctionType):
+        return target if isinstance(target, type) else _every_call(target, typechecker=typechecker)
+    key, checked = id(target.__code__), None
+
+    @functools.wraps(target)
+    def call(*args: Any, **options: Any) -> Any:
+        nonlocal checked
+        if _n_call[key] >= FIRST_CALLS:
+            return target(*args, **options)
+        _n_call[key] += 1
+        checked = checked or _every_call(target, typechecker=typechecker)
+        return checked(*args, **options)
+
+    return call
+
+
+# Before any module of the package is imported: the hook looks the name up in each of them.
+jaxtyping.jaxtyped = at_first_calls
+
+
+def pytest_runtest_setup() -> None:
+    """Each test begins to count anew."""
+    _n_call.clear()
 
 
 @pytest.fixture(params=["cpu", pytest.param("cuda", marks=NO_GPU)])

@@ -36,11 +36,11 @@ def benchmarks() -> str:
         ABOUT,
         "",
     ]
-    for name, (edges, values, _) in published.SQUARES.items():
+    for name, (edges, values, _, _) in published.SQUARES.items():
         factor = 2 * math.pi / math.sqrt(1e9 * 1e-6 / (12 * (1 - 0.09)) / 10.0)
         made = [factor * found for found in _frequencies(1.0, 1e9, 1000.0, 0.01, edges, len(values))]
         lines += _table(f"Square, {name}, ν 0.3", "λ = ω a² √(ρh/D)", SOURCES[name], values, *made)
-    for name, (edges, values, _) in published.NAFEMS.items():
+    for name, (edges, values, _, _) in published.NAFEMS.items():
         made = _frequencies(10.0, 200e9, 8000.0, 0.05, edges, len(values))
         lines += _table(f"NAFEMS {name}, 10 × 10 × 0.05 m", "Hz", SOURCES[name], values, *made)
     return "\n".join(lines)

@@ -17,7 +17,10 @@ FILE = ROOT.parent / "shared" / "data" / "free_strip.uff"
 BENDING = (27.0, 53.0, 88.0, 131.5, 184.0, 245.5)
 TORSION = 45.0
 
-pytestmark = pytest.mark.skipif(not FILE.is_file(), reason=f"the measurement is not part of the project: {FILE}")
+pytestmark = [
+    pytest.mark.check,
+    pytest.mark.skipif(not FILE.is_file(), reason=f"the measurement is not part of the project: {FILE}"),
+]
 
 
 @pytest.fixture(scope="module")

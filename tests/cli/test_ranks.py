@@ -119,6 +119,7 @@ def ranks_of(torchrun: int) -> Mapping[int, int]:
     return found
 
 
+@pytest.mark.check
 @pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds the processes of torchrun in /proc")
 def test_a_lost_process_ends_the_run_with_one_sentence_and_one_goes_on_alone(bench, make_config, launch):
     path = bench.write(make_config(SEARCHED, CHANGES | {"search.n_generation": ENDLESS}))
@@ -141,6 +142,7 @@ def test_a_lost_process_ends_the_run_with_one_sentence_and_one_goes_on_alone(ben
     assert_same(one.folder, whole.folder)
 
 
+@pytest.mark.check
 def test_another_speaks_for_a_first_process_that_is_lost(bench, make_config, launch):
     path = bench.write(make_config(SEARCHED, CHANGES | {"search.n_generation": ENDLESS}))
     launched = launch(2, path.name, "--out", "lost", "--set", "search.seed=5")
@@ -153,6 +155,7 @@ def test_another_speaks_for_a_first_process_that_is_lost(bench, make_config, lau
     assert "Traceback" not in err[1]
 
 
+@pytest.mark.check
 def test_sigterm_ends_the_run_with_its_checkpoint(bench, make_config, launch):
     path = bench.write(make_config(SEARCHED, CHANGES | {"search.n_generation": ENDLESS}))
     launched = launch(1, path.name, "--out", "ended")

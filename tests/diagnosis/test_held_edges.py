@@ -101,6 +101,7 @@ def by_noise():
     return plate(CLAMPED, searched=interval, response=RESPONSE, reference=REFERENCE)
 
 
+@pytest.mark.check
 def test_a_clamp_that_turns_is_named(lab):
     clamp = {"clamp": CATALOGUE["edge_spring"](edge="x0")}
     values = {"clamp.stiffness": 1e4 * RIGIDITY / SIDES[0] ** 3, "clamp.rotational_stiffness": SOFT}
@@ -114,6 +115,7 @@ def test_a_clamp_that_turns_is_named(lab):
     assert not any(label.startswith(PREFIX) for label in found.model.effects)
 
 
+@pytest.mark.check
 def test_a_clamp_that_does_not_is_held_in_the_end(lab):
     found = diagnose(by_noise(), measured_accelerances(lab, plate(CLAMPED, refine=2), 4), imperfections=PERFECT)
     assert found.verdict == "consistent"

@@ -121,6 +121,7 @@ def test_a_fit_that_is_judged_again_costs_what_it_did(lab):
     assert again.fit.cost == pytest.approx(baseline.fit.cost, abs=1.0)
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_two_swapped_references_among_twenty_bend_neither_modulus_nor_loss(lab):
     measured = hammered(lab, 5, response=RESPONSE[:1], reference=MANY)

@@ -140,6 +140,7 @@ def averaged(lab, frf, std, n_average, seed):
     return mean, mean.abs().square() / records.abs().square().mean(0)
 
 
+@pytest.mark.check
 def test_the_coherence_tells_where_the_noise_is(lab):
     frequency = lab.lines(0.5)
     frf = lab.plate().frf(lab.nobody, frequency, [3], lab.nodes[1:5])

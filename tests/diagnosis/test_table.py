@@ -96,6 +96,7 @@ def test_the_diagnosis_says_what_scatter_it_assumes():
     assert any("0.1 %" in sentence for sentence in massive().remarks)
 
 
+@pytest.mark.check
 def test_sixty_grams_on_ten_exact_frequencies_are_not_left_unexplained():
     hidden = hide("point_mass", x=0.23, y=0.31, mass=0.06)
     found = diagnose_table(plate(YOUNG), table(10, hidden, decimals=4), settings=QUICK)
@@ -127,6 +128,7 @@ def test_what_scatter_leaves_of_a_right_model_is_seldom_called_unexplained():
     assert sum(seen) >= 38
 
 
+@pytest.mark.check
 def test_a_pair_is_found_where_no_single_effect_does():
     hidden = (hide("point_mass", x=0.23, y=0.31, mass=0.2), hide("aspect_ratio", ratio=1.03))
     found = diagnose_table(plate(YOUNG), table(16, *hidden, scatter=3e-4))
@@ -147,6 +149,7 @@ def test_what_scales_all_frequencies_cannot_be_told_from_the_modulus():
         assert "cannot see" in rows[name].remark
 
 
+@pytest.mark.check
 def test_confidence_is_high_only_if_no_parameter_wants_to_leave_its_prior():
     # More than the prior of a mass holds: a tenth of the plate.
     hidden = hide("point_mass", x=0.23, y=0.31, mass=0.9)

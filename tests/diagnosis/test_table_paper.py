@@ -6,6 +6,8 @@ import pytest
 
 from torchplate.cli.diagnose import diagnose
 
+pytestmark = pytest.mark.check
+
 CONFIG = Path(__file__).parents[2] / "configs" / "real" / "paper_table5.yaml"
 
 

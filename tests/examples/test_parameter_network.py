@@ -14,6 +14,7 @@ def scores() -> dict:
     return main(n_plate=200, n_step=250, seeds=(0, 1), ways=(LABELS, BLIND, "FRF and parameters"), say=lambda _: None)
 
 
+@pytest.mark.check
 def test_through_the_frf_unseen_plates_are_reproduced_better_in_every_seed(scores: dict) -> None:
     gap = {way: torch.tensor([one.gap for one in found]) for way, found in scores.items()}
     # 12 to 22 % less were found with these and two other seeds; half of the least is margin for other processors.
@@ -21,6 +22,7 @@ def test_through_the_frf_unseen_plates_are_reproduced_better_in_every_seed(score
     assert bool((gap["FRF and parameters"] < 0.94 * gap[LABELS]).all()), gap
 
 
+@pytest.mark.check
 def test_both_ways_have_learnt_something(scores: dict) -> None:
     # An even draw from the interval scatters by 1 / √12 = 0.29 around its middle, which is what a blind guess gets.
     for found in scores.values():

@@ -30,6 +30,7 @@ def found() -> dict[str, tuple[Layout, torch.Tensor | None]]:
     return main(n_random=30, n_start=2, n_step=25, n_test=N_TEST, say=lambda _: None)
 
 
+@pytest.mark.check
 def test_the_gradient_beats_corners_chance_and_the_nodes(found: dict) -> None:
     volume = {name: one.log_det for name, (one, _) in found.items()}
     gradient = volume.pop("gradient")
@@ -37,12 +38,14 @@ def test_the_gradient_beats_corners_chance_and_the_nodes(found: dict) -> None:
     assert gradient > 0.2 + max(volume.values()), (gradient, volume)
 
 
+@pytest.mark.check
 def test_every_standard_error_falls_against_the_corners(found: dict) -> None:
     corners, gradient = found["corners, 10 % inside"][0], found["gradient"][0]
     # The full form finds 0.36 to 0.45 of them.
     assert bool((gradient.standard_error < 0.6 * corners.standard_error).all())
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("name", ["corners, 10 % inside", "gradient"])
 def test_fitted_tests_scatter_as_promised(found: dict, name: str) -> None:
     one, scatter = found[name]

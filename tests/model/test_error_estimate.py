@@ -13,6 +13,7 @@ BOX = {
     "wires.stiffness": Searched(300.0, 4000.0, True),
     "loss.stiffness_loss_factor": Searched(2e-3, 2e-2),
 }
+N_LINE = 80
 MESHES = {"rectangle": Mesh(0.7, 0.4, 8, 6), "square": Mesh(0.48, 0.48, 7, 7)}
 
 
@@ -20,11 +21,11 @@ def made(plates, mesh: Mesh, kind: str = "accelerance", margin: float = 1.3):
     model = plates.build(
         mesh, {}, BOX, response=[3, (0.61, 0.37)], reference=None if kind == "transmissibility" else [8, 12], kind=kind
     )
-    frequency = torch.linspace(0.3, 7.0, 160, dtype=torch.float64) * plates.first_bending(mesh)
+    frequency = torch.linspace(0.3, 7.0, N_LINE, dtype=torch.float64) * plates.first_bending(mesh)
     middle = model.space.to_si(torch.full((1, len(model.names)), 0.5, dtype=torch.float64))
     reduced = model.projected(ritz_basis(model, middle, frequency, 0, margin))
     generator = torch.Generator().manual_seed(3)
-    theta = model.space.to_si(torch.rand(7, len(model.names), generator=generator, dtype=torch.float64))
+    theta = model.space.to_si(torch.rand(4, len(model.names), generator=generator, dtype=torch.float64))
     return model, reduced, theta, frequency
 
 
@@ -34,11 +35,12 @@ def true_error(model, reduced, theta, frequency) -> torch.Tensor:
     return ((reduced.frf(theta, frequency) - full).norm(dim=1) / full.norm(dim=1)).amax((-2, -1))
 
 
-@pytest.mark.parametrize("mesh", MESHES.values(), ids=list(MESHES))
-@pytest.mark.parametrize("kind", ["receptance", "accelerance"])
-@pytest.mark.parametrize("margin", [1.1, 2.0])
-def test_the_estimate_is_of_the_size_of_the_error(plates, mesh: Mesh, kind: str, margin: float) -> None:
-    model, reduced, theta, frequency = made(plates, mesh, kind, margin)
+@pytest.mark.parametrize(
+    ("name", "kind", "margin"),
+    [("rectangle", "receptance", 1.1), ("rectangle", "accelerance", 2.0), ("square", "accelerance", 1.1)],
+)
+def test_the_estimate_is_of_the_size_of_the_error(plates, name: str, kind: str, margin: float) -> None:
+    model, reduced, theta, frequency = made(plates, MESHES[name], kind, margin)
     ratio = estimated_error(model, reduced, theta, frequency) / true_error(model, reduced, theta, frequency)
     # The nominal plate's static flexibility stands for that of every member and line: E differs by 1.2 either way, and
     # modes just above the band are up to 1 / (1 − 1 / margin²) more flexible than their statics say.
@@ -63,7 +65,7 @@ def test_members_far_from_what_the_basis_was_built_for_stand_out(plates) -> None
 @pytest.mark.parametrize("dense", [1000, 10])
 def test_the_measured_error_is_the_worst_of_the_members(plates, monkeypatch, dense: int) -> None:
     monkeypatch.setattr(fine_mesh, "DENSE", dense)
-    monkeypatch.setattr(error_estimate, "N_LINE_CHECKED", 160)
+    monkeypatch.setattr(error_estimate, "N_LINE_CHECKED", N_LINE)
     model, reduced, theta, frequency = made(plates, MESHES["square"])
     found = basis_error(model, reduced, theta, frequency)
     # Modal sum and sparse solves agree with the direct solve to 1e-8.

@@ -12,7 +12,7 @@ from torchplate.plate import Proportional, System
 # torch's forward mode loads its own rules by torch.jit.script, which warns of itself.
 pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
 
-N = 4
+N = 3
 
 
 def draw(*shape: int, generator: torch.Generator) -> torch.Tensor:
@@ -26,10 +26,10 @@ def problem(batch: tuple[int, ...], *, n_dashpot: int, hysteretic: bool, repeate
     stiffness = factor @ factor.mT + 0.5 * torch.eye(N)
     mass = torch.eye(N).double() + 0.1 * (lambda m: m @ m.mT)(draw(N, N, generator=g))
     if repeated:
-        # Two eigenvalues are exactly 2 and two are 5.
-        mass, stiffness = torch.eye(N).double(), torch.diag(torch.tensor([2.0, 5.0, 5.0, 2.0]).double())
+        # Two eigenvalues are exactly 2.
+        mass, stiffness = torch.eye(N).double(), torch.diag(torch.tensor([2.0, 5.0, 2.0]).double())
     loss = [0.1 + 0.2 * torch.rand(batch, generator=g, dtype=torch.float64) for _ in range(4)]
-    laplace = torch.complex(torch.tensor([0.1, 0.2, 0.15]), torch.tensor([0.7, 1.6, 2.3])).to(torch.complex128)
+    laplace = torch.complex(torch.tensor([0.1, 0.2]), torch.tensor([0.7, 1.6])).to(torch.complex128)
     own = [0.2 * stiffness.clone()] if hysteretic else []
     dashpot, viscous = draw(n_dashpot, N, generator=g), 0.3 + draw(*batch, n_dashpot, generator=g).abs()
     sides = [draw(*batch, 2, N, generator=g), draw(3, N, generator=g)]
@@ -49,7 +49,13 @@ def evaluate(*given: torch.Tensor) -> torch.Tensor:
 
 @pytest.mark.parametrize(
     ("batch", "n_dashpot", "hysteretic", "repeated"),
-    [((2,), 2, False, True), ((2,), 2, True, True), ((), 2, False, False), ((), 0, False, True), ((), 0, True, False)],
+    [
+        ((2,), 2, False, True),
+        pytest.param((2,), 2, True, True, marks=pytest.mark.check),
+        pytest.param((), 2, False, False, marks=pytest.mark.check),
+        ((), 0, False, True),
+        ((), 0, True, False),
+    ],
 )
 def test_every_argument_passes_gradcheck(batch: tuple, n_dashpot: int, hysteretic: bool, repeated: bool) -> None:
     given = problem(batch, n_dashpot=n_dashpot, hysteretic=hysteretic, repeated=repeated)

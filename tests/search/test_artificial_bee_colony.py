@@ -209,6 +209,7 @@ def one_by_one(
     return n_evaluation
 
 
+@pytest.mark.check
 def test_bees_that_fly_together_need_hardly_more_evaluations_than_bees_that_fly_one_by_one():
     """The stated departure costs little: mean and quartiles of the evaluations to a target agree within 10 %.
 

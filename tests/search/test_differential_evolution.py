@@ -193,6 +193,7 @@ def scipy_evaluations_to_target(ellipsoid, seed: int) -> int:
     return N_MEMBER * (1 + result.nit)
 
 
+@pytest.mark.check
 def test_rand_1_bin_needs_as_many_evaluations_as_that_of_scipy(ellipsoid):
     """Two-sample Kolmogorov-Smirnov test at 1 %: one seed in a hundred would fail a right program."""
     theirs = np.array([scipy_evaluations_to_target(ellipsoid, seed) for seed in range(100)])

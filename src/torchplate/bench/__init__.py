@@ -8,6 +8,9 @@
 - `gradient`: what a gradient costs, in evaluations.
 - `slopes`: cost against mesh, members, lines and FRFs.
 - `scaling`: what a second process brings.
+- `verification`: not how fast but how right: every figure of the verification page.
+- `published`: natural frequencies that it is held against.
+- `searches`: evaluations beside SciPy, pymoo and pagmo.
 
 Each part is run in a process of its own, by `torchplate bench`, so that the number of threads is what it says.
 """

@@ -25,6 +25,8 @@ KINDS = ("receptance", "mobility", "accelerance", "transmissibility")
 DERIVATIVE = {"receptance": 0, "mobility": 1, "accelerance": 2}
 # Impedances solved at once, so that they stay in the cache [bytes].
 IN_CACHE = 4 * 2**20
+# What stands for 0 Hz: its square is below rounding beside any elastic mode's.
+LOWEST = 1e-9
 # Dofs up to which batches of complex matrices are seen to be right with any number of threads.
 SOLVED_TOGETHER = 100
 
@@ -138,8 +140,12 @@ def solve_each(
 
 
 def laplace_lines(frequency: Float[Tensor, " n_frequency"], decay: float) -> Complex[Tensor, " n_frequency"]:
-    """S = iω + σ [1/s] at frequencies in Hz."""
-    return torch.complex(torch.full_like(frequency, decay), 2 * torch.pi * frequency)
+    """S = iω + σ [1/s] at frequencies in Hz.
+
+    At 0 Hz a free plate has no receptance: what stands there is close to the limit, the accelerance of a rigid body.
+    """
+    shown = frequency.clamp(min=LOWEST) if decay == 0 else frequency
+    return torch.complex(torch.full_like(frequency, decay), 2 * torch.pi * shown)
 
 
 def sensor_chain(

@@ -6,11 +6,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+# Motions without strain that a plate has: one translation and two rotations.
+N_RIGID = 3
+# An eigenvalue below this many units of rounding of the highest is one of them. Rounding leaves up to 1.2 of them on
+# free plates of 1 × 1 to 18 × 18 elements and strips of 40:1, and no digit of a support that gives as little.
+RIGID = 8.0
+
 
 class Modes(NamedTuple):
     """Undamped modes, lowest first, with φᵀ M φ = 1.
 
-    A rigid-body mode's eigenvalue is zero up to rounding, and may be slightly negative.
+    A rigid-body mode's eigenvalue is exactly zero.
     """
 
     eigenvalue: Float[Tensor, "*batch n_mode"]  # ω² [rad²/s²]
@@ -65,14 +71,25 @@ def solve_modes(stiffness: Float[Tensor, "*#batch n n"], mass: Float[Tensor, "*#
                 "Expected orthonormal eigenvectors from torch.linalg.eigh, got a violation above "
                 f"{_tolerance(vector):.0e} for a single matrix. Check the torch installation, or use float64."
             )
-    return Modes(eigenvalue, inverse.mT @ vector)
+    return Modes(_rigid_at_zero(eigenvalue), inverse.mT @ vector)
 
 
 def solve_eigenvalues(
     stiffness: Float[Tensor, "*#batch n n"], mass: Float[Tensor, "*#batch n n"]
 ) -> Float[Tensor, "*batch n"]:
     """The eigenvalues ω² of `solve_modes` alone, at half its cost [rad²/s²]."""
-    return torch.linalg.eigvalsh(whiten(stiffness, mass)[0])
+    return _rigid_at_zero(torch.linalg.eigvalsh(whiten(stiffness, mass)[0]))
+
+
+def _rigid_at_zero(eigenvalue: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
+    """Zero where only rounding kept a rigid-body mode from it.
+
+    Far below the first bending this rounding, over ω², would be most of the FRF: 1e-4 of it at a thousandth on a strip
+    of 13:1, all of it at a hundred-thousandth.
+    """
+    level = RIGID * torch.finfo(eigenvalue.dtype).eps * eigenvalue[..., -1:].abs()
+    rigid = (eigenvalue.abs() <= level) & (torch.arange(eigenvalue.shape[-1], device=eigenvalue.device) < N_RIGID)
+    return eigenvalue.masked_fill(rigid, 0.0)
 
 
 def _orthonormality_error(vector: Float[Tensor, "*batch n n"]) -> Float[Tensor, "*batch"]:

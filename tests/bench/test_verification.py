@@ -1,0 +1,55 @@
+"""The verification page holds what its command prints."""
+
+import pytest
+
+from torchplate.bench import verification
+from torchplate.bench.published import NAFEMS, SQUARES
+from torchplate.bench.verification import LONG, QUICK, TABLES, Row, between, page, put
+
+
+def written() -> str:
+    return between(verification.PAGE.read_text(), QUICK)
+
+
+@pytest.mark.parametrize("title", ["The virtual analyser", "Gradients where modes repeat"])
+def test_the_page_has_what_the_command_prints(title: str) -> None:
+    for row in TABLES[title]():
+        assert row.cells() in written()
+
+
+@pytest.mark.check
+def test_the_whole_page_is_what_the_command_prints() -> None:
+    assert page() == written()
+
+
+def test_every_published_value_stands_on_the_page() -> None:
+    text = written()
+    for name, published in (*SQUARES.items(), *NAFEMS.items()):
+        for value in published.values:
+            assert f"| {published.source} | {value:.6g} |" in text, name
+
+
+def test_no_figure_of_the_page_is_far_off() -> None:
+    lines = [line for line in written().splitlines() if line.endswith("% |")]
+    assert len(lines) > 50
+    for line in lines:
+        off = float(line.split("|")[-2].replace("%", "").replace("−", "-"))
+        # The order of convergence is 2 only in the end; all else is within a quarter of a percent.
+        assert abs(off) < (12 if "order" in line else 0.25), line
+
+
+def test_a_difference_that_is_rounding_is_called_so() -> None:
+    assert "below 1e-08" in Row("a", "b", 3.0, 3.0 * (1 + 1e-12)).cells()
+    assert "−0.1 %" in Row("a", "b", 3.0, 3.0 * 0.999).cells()
+
+
+def test_what_is_put_between_marks_changes_nothing_else() -> None:
+    text = verification.PAGE.read_text()
+    assert put(text, QUICK, written()) == text
+    changed = put(put(text, QUICK, "."), LONG, ".")
+    assert put(put(changed, QUICK, written()), LONG, between(text, LONG)) == text
+
+
+def test_a_page_without_its_marks_is_said() -> None:
+    with pytest.raises(ValueError, match="Put them there"):
+        between("no marks", QUICK)
