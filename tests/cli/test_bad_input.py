@@ -358,6 +358,18 @@ class TestADeadChannel:
             "std"
         ]
 
+    def test_of_numbers_whose_squares_are_none_counts_as_dead_or_as_infinite(self, bench, make_config, command):
+        path, out = bench.write(make_config(["plate.youngs_modulus"], {"search.n_generation": 1})), bench.folder / "out"
+        whole = Measurement.from_npz(bench.folder / "plate.npz")
+        whole.frf[:, :, 1] = 1e-320
+        whole.to_npz(bench.folder / "plate.npz")
+        status, stdout, _ = command("run", path, "--out", out)
+        assert status == 0
+        assert "Left out 2 of 6 FRFs" in stdout
+        whole.frf[:, :, 1] = 1e200
+        whole.to_npz(bench.folder / "plate.npz")
+        assert_refused(command("run", path, "--out", out, "--force"), "plate.npz", "NaN or infinity", "4w/6w")
+
     @pytest.mark.parametrize("verb", ["run", "diagnose"])
     def test_among_dead_ones_alone_is_refused(self, bench, make_config, command, verb):
         self.silence(bench)

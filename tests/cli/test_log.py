@@ -73,6 +73,32 @@ def test_a_folder_that_is_searched_anew_shows_each_repeat_once(bench):
     assert [len(list((folder / f"search_{k}").glob("events.*"))) for k in range(2)] == [1, 1]
 
 
+@pytest.mark.parametrize("count", [5, 8, 95, 98])
+def test_a_resumed_curve_follows_in_the_same_second_and_after_the_clock_was_set_back(bench, monkeypatch, count):
+    from tensorboard.summary.writer import event_file_writer
+
+    # The names of event files are sorted as text: the 11th of a process stands before its 8th.
+    monkeypatch.setattr(event_file_writer, "_global_uid", event_file_writer.AtomicCounter(count))
+    searches = {"search.n_repeat": 2, "search.tolerance": None}
+    for second, n_generation in ((2_000_000_000.0, 1), (2_000_000_000.5, 2), (1_999_999_000.0, 4)):
+        monkeypatch.setattr(time, "time", lambda second=second: second)
+        changes = searches | {"search.n_generation": n_generation}
+        folder = bench.run(ONE, changes, resume=n_generation > 1).folder
+    for home in (folder, folder / "search_0"):
+        assert [point.step for point in events(home).Scalars("search/best_objective")] == [10, 20, 30, 40, 50]
+        assert len(list(home.glob("events.out.tfevents.*"))) == 3
+
+
+def test_curves_are_on_the_disk_before_the_checkpoint_that_follows_them(bench, monkeypatch):
+    read = []
+    monkeypatch.setattr(
+        "torchplate.cli.log.save_checkpoint",
+        lambda _, path: read.append(len(events(path.parent).Scalars("search/best_objective"))),
+    )
+    bench.run(ONE, {"search.n_generation": 3, "search.tolerance": None})
+    assert read == [1, 2, 3, 4]
+
+
 class TestHeartbeat:
     def test_a_pipe_is_told_where_the_search_stands_even_within_a_generation(self):
         said = StringIO()

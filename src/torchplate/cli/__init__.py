@@ -8,7 +8,8 @@
 - `run`, `compare`, `simulate`, `inspect`, `diagnose`: the verbs.
 - `ranks`: the processes of torchrun that share the search of a run.
 - `folder`: where a run is written and what it is resumed from; `occupied`: by one command at a time; `writing`: files
-  that are written whole or not at all.
+  that are written whole or not at all; `descents`: what a diagnosis goes on from;
+  `checkpoint`: whether a search can go on from a file.
 - `log`: what goes to TensorBoard as it happens; `heartbeat`: a line every ten seconds where no bar can be shown.
 - `main_job`, `hidden_effect`, `paper`, `real`: what `make run`, `make diagnose`, `make paper` and `make real` do.
 - `bench`: `torchplate bench`, what is fast and beside what.

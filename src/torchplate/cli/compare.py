@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from torchplate.cli.config import InputError
@@ -74,7 +75,7 @@ def compare(folders: Sequence[Path], out: Path | None = None, console: Console |
         ["# Searches compared", _markdown(summary), _markdown(parameters), f"![convergence]({figure.name})"]
     )
     write_text(out / "comparison.md", text + "\n")
-    console.print(f"Comparison: {out / 'comparison.md'}", soft_wrap=True)
+    console.print(f"Comparison: {out / 'comparison.md'}", markup=False, soft_wrap=True)
     return groups
 
 
@@ -198,9 +199,9 @@ def _tables(groups: Mapping[str, Compared]) -> tuple[list[list[str]], list[list[
 
 
 def _rich(table: list[list[str]]) -> Table:
-    drawn = Table(*table[0], box=None, padding=(0, 2))
+    drawn = Table(*map(escape, table[0]), box=None, padding=(0, 2))
     for row in table[1:]:
-        drawn.add_row(*row)
+        drawn.add_row(*map(escape, row))
     return drawn
 
 

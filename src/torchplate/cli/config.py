@@ -48,6 +48,10 @@ __all__ = [
 NOT_CONFIGS = (".uff", ".unv", ".uf", ".npz")
 
 
+MOST, DEEPEST = 100_000, 40
+"""Values in a config, and levels of them; far more than anyone writes."""
+
+
 class InputError(ValueError):
     """The user's input cannot be used; the message is the whole sentence for stderr."""
 
@@ -75,10 +79,17 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, An
         guess = f" Did you mean {path.parent / near}?" if near else ""
         raise InputError(f"{path}: Expected a config file, found none.{guess} Give the path of a YAML file.")
     try:
-        text = path.read_text()
-        raw = yaml.safe_load(text)
-        twice = _given_twice(yaml.compose(text, yaml.SafeLoader))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        text = path.read_text(encoding="utf-8")
+        node = yaml.compose(text, yaml.SafeLoader)
+        if _size(node) > MOST:
+            raise InputError(
+                f"{path}: Expected a config, got YAML that grows to more than {MOST} values or is nested without end. "
+                "Write it out without anchors."
+            )
+        raw, twice = yaml.safe_load(text), _given_twice(node)
+    except (yaml.YAMLError, RecursionError, OverflowError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
         problem = " ".join(str(error).split())
         raise InputError(f"{path}: Expected YAML, got a file that is not ({problem}). Correct it there.") from None
     if twice is not None:
@@ -94,6 +105,23 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, An
     for override in overrides:
         _override(raw, override)
     return raw, checked(path, raw)
+
+
+def _size(node: yaml.Node | None, depth: int = 0) -> int:
+    """Values that YAML stands for once its anchors are followed; more than `MOST` of one that has no end.
+
+    Anchors of anchors make a short text a large config.
+    """
+    if depth > DEEPEST:
+        return MOST + 1
+    inner = [part for pair in node.value for part in pair] if isinstance(node, yaml.MappingNode) else []
+    inner = list(node.value) if isinstance(node, yaml.SequenceNode) else inner
+    size = 1
+    for one in inner:
+        size += _size(one, depth + 1)
+        if size > MOST:
+            break
+    return size
 
 
 def _given_twice(node: yaml.Node | None, where: str = "") -> tuple[str, int, int] | None:
@@ -154,9 +182,14 @@ def _override(raw: dict[str, Any], text: str) -> None:
         if not isinstance(target, dict):
             raise InputError(f"--set {text}: Expected {parent} to hold keys, got {target!r}. Shorten the key.")
     try:
+        node = yaml.compose(value, yaml.SafeLoader)
+        if _size(node) > MOST:
+            raise InputError(f"--set {key}: Expected a value, got one that grows without end. Write it out.")
         target[last] = _numbers(yaml.safe_load(value))
-        twice = _given_twice(yaml.compose(value, yaml.SafeLoader), key)
-    except yaml.YAMLError:
+        twice = _given_twice(node, key)
+    except (yaml.YAMLError, RecursionError, OverflowError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"--set {text}: Expected a YAML value, got '{value}'. Put it in quotes.") from None
     if twice is not None:
         raise InputError(f"--set {text}: Expected each key once, got {twice[0]} twice. Keep one of them.")

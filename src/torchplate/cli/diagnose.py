@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.config import Known, dump, quantity
-from torchplate.cli.folder import check_free, open_folder, relocated, run_folder
+from torchplate.cli.descents import DescentFile, depends_on
+from torchplate.cli.folder import DESCENTS, check_free, diagnosis_folder, open_folder, relocated
 from torchplate.cli.occupied import occupied
 from torchplate.cli.run import device_named
 from torchplate.cli.writing import write_files, write_text
@@ -19,6 +21,7 @@ from torchplate.diagnosis import Diagnosis
 from torchplate.diagnosis import diagnose as find_missing
 from torchplate.discrepancy.notation import percent
 from torchplate.effects import options
+from torchplate.search import Recall, recalling
 
 MODEL = "model.yaml"
 VERDICTS = {
@@ -37,6 +40,7 @@ def diagnose(
     report: bool = True,
     console: Console | None = None,
     force: bool = False,
+    resume: bool = False,
 ) -> Diagnosis:
     """Diagnose a config's model, and write diagnosis.json, model.yaml and the report.
 
@@ -49,14 +53,16 @@ def diagnose(
         report: whether to write report.md, report.html and the TensorBoard log.
         console: where progress goes.
         force: write over what an earlier diagnosis has left in `out`.
+        resume: go on from the last descent that was kept in `out`, or in the config's latest folder under runs/.
 
     Raises:
-        InputError: if the config, the measurement, the device or the folder cannot be used.
+        InputError: if the config, the measurement, the device or the folder cannot be used, or there is nothing to
+            resume.
     """
     console = console or Console()
     recipe = load_run(config, overrides)
-    folder = run_folder(recipe, out, resume=False)
-    check_free(folder, "diagnose", force=force)
+    folder = diagnosis_folder(recipe, out, resume)
+    check_free(folder, "diagnose", force=force, resume=resume)
     recipe.check_memory(finer=2)  # that the mesh error is taken off by
     where = device_named(device)
     model = recipe.model_as_given().to(where)
@@ -74,9 +80,14 @@ def diagnose(
             f"Expected modes up to {model.assembly.size}, as many as the mesh has, got mode {int(table.mode.max())}. "
             "Raise mesh.refine, or leave it out.",
         )
+    kept = DescentFile(folder / DESCENTS, depends_on(recipe, device))
+    past = kept.read() if resume else []
     with occupied(folder):
-        open_folder(recipe, folder, device, "diagnose", force=force)
-        console.print(f"[bold]{recipe.path.stem}[/]")
+        open_folder(recipe, folder, device, "diagnose", force=force, resume=resume)
+        console.print(f"[bold]{escape(recipe.path.stem)}[/]")
+        if resume:
+            what = f"{len(past)} descents are taken over" if past else "nothing was kept: the diagnosis begins anew"
+            console.print(f"  From {folder}: {what}.", highlight=False, markup=False, soft_wrap=True)
         for note in recipe.remarks(model):
             console.print(f"  Note: {note}", markup=False, highlight=False, soft_wrap=True)
         measurement = None if evidence.measurement is None else evidence.measurement.to(where)
@@ -86,18 +97,21 @@ def diagnose(
                 model, lambda text: console.print(f"  {text}", markup=False, highlight=False, soft_wrap=True)
             )
         table = None if table is None else table.to(where)
-        found = find_missing(
-            model,
-            measurement,
-            table,
-            tolerance=tolerances(recipe),
-            n_average=evidence.n_average,
-            gain_is_unknown=evidence.gain_is_unknown,
-            imperfections=recipe.imperfections(),
-            seed=recipe.config.search.seed,
-            say=lambda text: console.print(f"  {text}", style="dim", highlight=False),
-        )
+        with recalling(Recall(past, kept.keep)):
+            found = find_missing(
+                model,
+                measurement,
+                table,
+                tolerance=tolerances(recipe),
+                n_average=evidence.n_average,
+                gain_is_unknown=evidence.gain_is_unknown,
+                imperfections=recipe.imperfections(),
+                seed=recipe.config.search.seed,
+                say=lambda text: console.print(f"  {text}", style="dim", highlight=False, markup=False),
+            )
         write(recipe, found, folder, report, str(config))
+        # There is nothing more to go on from.
+        (folder / DESCENTS).unlink(missing_ok=True)
         _say(console, found, folder)
         return found
 
@@ -116,16 +130,17 @@ def tolerances(recipe: Run) -> dict[str, float]:
 
 
 def write(recipe: Run, found: Diagnosis, folder: Path, report: bool, command: str) -> None:
-    """diagnosis.json, model.yaml and, if wanted, what people read."""
+    """model.yaml, if wanted what people read, and diagnosis.json."""
     write_text(folder / MODEL, dump(_updated(recipe, found, folder)))
-    content = found.to_dict() | {"model": MODEL}
-    write_text(folder / "diagnosis.json", json.dumps(_plain(content), indent=1, allow_nan=False) + "\n")
     if report:
         from torchplate.cli.log import log_diagnosis
         from torchplate.report import diagnosis_report
 
         write_files(folder, diagnosis_report(recipe.path.stem, found, folder, f"torchplate diagnose {command}"))
         log_diagnosis(folder, found)
+    # Last: a folder that holds it holds everything.
+    content = found.to_dict() | {"model": MODEL}
+    write_text(folder / "diagnosis.json", json.dumps(_plain(content), indent=1, allow_nan=False) + "\n")
 
 
 def _updated(recipe: Run, found: Diagnosis, folder: Path) -> dict[str, Any]:
@@ -171,7 +186,7 @@ def _plain(value: Any) -> Any:
 def _say(console: Console, found: Diagnosis, folder: Path) -> None:
     console.print(f"  [bold]{found.verdict}[/]: {VERDICTS[found.verdict]}")
     for effect in found.effects:
-        console.print(f"  {effect.evidence} Confidence {effect.confidence:.2f}.", highlight=False)
+        console.print(f"  {effect.evidence} Confidence {effect.confidence:.2f}.", highlight=False, markup=False)
     gap = found.gap
     held = (
         ""
@@ -188,11 +203,11 @@ def _say(console: Console, found: Diagnosis, folder: Path) -> None:
                 row.name,
                 percent(row.expected_drop),
                 percent(row.gap),
-                row.remark,
+                escape(row.remark),
             )
         console.print(table)
     for sentence in (*found.missing, *found.remarks):
-        console.print(f"  [yellow]Note:[/] {sentence}", highlight=False)
+        console.print(f"  [yellow]Note:[/] {escape(sentence)}", highlight=False)
     for sentence in found.next_measurements:
-        console.print(f"  Next: {sentence}", highlight=False)
-    console.print(f"  Results: {folder}", soft_wrap=True)
+        console.print(f"  Next: {sentence}", highlight=False, markup=False)
+    console.print(f"  Results: {folder}", markup=False, soft_wrap=True)

@@ -11,18 +11,19 @@ from typing import Any
 import torch
 
 from torchplate.cli.build import Run, load_run
+from torchplate.cli.checkpoint import fault
 from torchplate.cli.config import InputError, dump
 from torchplate.cli.writing import write_text
-from torchplate.search import Checkpoint, LeastSquares
+from torchplate.search import Checkpoint, LeastSquares, Optimizer
 
 PACKAGES = ("torchplate-fem", "torch", "numpy", "scipy", "pyuff", "pydantic", "tensorboard", "matplotlib")
 CHECKPOINT = "checkpoint.pt"
-
+DESCENTS = "descents.pt"
 
 # What each verb leaves, and does not write over unasked.
 PRODUCTS = {
     "run": ("result.json", "report.md", "report.html", "checkpoint.pt"),
-    "diagnose": ("diagnosis.json", "model.yaml", "report.md", "report.html"),
+    "diagnose": ("diagnosis.json", "model.yaml", "report.md", "report.html", DESCENTS),
 }
 
 
@@ -78,16 +79,10 @@ def run_folder(recipe: Run, out: Path | None, resume: bool) -> Path:
             "Expected a search that keeps checkpoints, got least_squares, which keeps none. Leave --resume out: the "
             "same seed repeats it from the start.",
         )
-    if out is not None:
-        if Path(out).is_file():
-            raise InputError(f"--out {out}: Expected a folder, got a file. Name another place.")
-        return Path(out)
+    if out is not None or not resume:
+        return _new_folder(recipe, out)
     home = Path("runs") / recipe.path.stem
-    if not resume:
-        name = time.strftime("%Y-%m-%d_%H-%M-%S")
-        taken = sum(1 for _ in home.glob(f"{name}*"))
-        return home / (f"{name}_{taken + 1}" if taken else name)
-    past = sorted(folder for folder in home.glob("*") if (folder / CHECKPOINT).exists() or _has_begun(folder))
+    past = sorted(folder for folder in home.glob("*") if (folder / CHECKPOINT).exists() or _has_begun(folder, "run"))
     if not past:
         raise InputError(
             f"{recipe.path}: --resume: Expected a checkpoint under {home}, found none. Leave --resume out."
@@ -95,17 +90,58 @@ def run_folder(recipe: Run, out: Path | None, resume: bool) -> Path:
     return past[-1]
 
 
-def _has_begun(folder: Path) -> bool:
-    """Whether a search was begun here that was stopped before its first checkpoint."""
-    if any((folder / name).exists() for name in PRODUCTS["run"]):
+def diagnosis_folder(recipe: Run, out: Path | None, resume: bool) -> Path:
+    """The same for a diagnosis, which goes on where one was stopped before it had written all it found.
+
+    Raises:
+        InputError: if `out` is a file, or there is no diagnosis to go on with.
+    """
+    if not resume:
+        return _new_folder(recipe, out)
+    home = Path("runs") / recipe.path.stem
+    places = [Path(out)] if out is not None else sorted(home.glob("*"))
+    past = [folder for folder in places if (folder / DESCENTS).exists() or _has_begun(folder, "diagnose")]
+    if not past:
+        where = f"in {out}" if out is not None else f"under {home}"
+        raise InputError(
+            f"{recipe.path}: --resume: Expected a diagnosis {where} that was stopped, found none. Leave --resume out."
+        )
+    return past[-1]
+
+
+def has_ended(folder: Path) -> bool:
+    """Whether a diagnosis has written all it found here."""
+    return (folder / "diagnosis.json").exists() and not (folder / DESCENTS).exists()
+
+
+def _new_folder(recipe: Run, out: Path | None) -> Path:
+    """`out`, else a new folder named by the config and the time.
+
+    Raises:
+        InputError: if `out` is a file.
+    """
+    if out is not None:
+        if Path(out).is_file():
+            raise InputError(f"--out {out}: Expected a folder, got a file. Name another place.")
+        return Path(out)
+    home = Path("runs") / recipe.path.stem
+    name = time.strftime("%Y-%m-%d_%H-%M-%S")
+    taken = sum(1 for _ in home.glob(f"{name}*"))
+    return home / (f"{name}_{taken + 1}" if taken else name)
+
+
+def _has_begun(folder: Path, verb: str) -> bool:
+    """Whether something was begun here that was stopped before it had left anything to go on from."""
+    last = ("diagnosis.json",) if verb == "diagnose" else PRODUCTS[verb]
+    if any((folder / name).exists() for name in last):
         return False
     try:
-        return bool(json.loads((folder / "versions.json").read_text())["verb"] == "run")
+        return bool(json.loads((folder / "versions.json").read_text())["verb"] == verb)
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
 
-def read_checkpoint(recipe: Run, folder: Path, device: torch.device) -> Checkpoint | None:
+def read_checkpoint(recipe: Run, folder: Path, device: torch.device, n_dimension: int) -> Checkpoint | None:
     """The checkpoint of an interrupted run, which this config must be able to go on from on this device.
 
     Returns:
@@ -117,7 +153,7 @@ def read_checkpoint(recipe: Run, folder: Path, device: torch.device) -> Checkpoi
     """
     path = folder / CHECKPOINT
     if not path.exists():
-        if _has_begun(folder):
+        if _has_begun(folder, "run"):
             return None
         raise InputError(f"{recipe.path}: --resume: Expected a checkpoint at {path}, found none. Leave --resume out.")
     try:
@@ -130,15 +166,23 @@ def read_checkpoint(recipe: Run, folder: Path, device: torch.device) -> Checkpoi
             raise recipe.error(
                 f"--resume: {key}", f"Expected the checkpoint's, {before}, got {now}. Set it back, or run anew."
             )
+    if (wrong := fault(checkpoint, _population_search(recipe), recipe.config.search.n_repeat, n_dimension)) is not None:
+        raise recipe.error("--resume", f"Expected a checkpoint of this search in {path}, got {wrong}. Run anew.")
     try:
         torch.Generator(device).set_state(checkpoint["generator"])
-    except RuntimeError as error:
+    except (RuntimeError, TypeError) as error:
         raise recipe.error(
             "--resume",
             f"Expected the kind of device that made {path}, whose random numbers no other one goes on with, got "
             f"{device.type}. Give it as --device, or run anew.",
         ) from error
     return checkpoint
+
+
+def _population_search(recipe: Run) -> Optimizer[Any]:
+    optimizer = recipe.optimizer()
+    assert not isinstance(optimizer, LeastSquares)  # which `run_folder` has refused
+    return optimizer
 
 
 # What a checkpoint cannot go on without; budgets, and where the measurement lies, may change.

@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from torchplate.cli.config import InputError
+from torchplate.cli.writing import whole
 from torchplate.measurement import (
     UFF_SUFFIX,
     Cutting,
@@ -74,10 +75,11 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
     if told.nodes is not None:
         measurement = with_nodes(measurement, read_nodes(told.nodes), str(told.nodes))
     out.parent.mkdir(parents=True, exist_ok=True)
-    if out.suffix.lower() == ".npz":
-        measurement.to_npz(out)
-    else:
-        write_uff(measurement, out)
+    with whole(out) as partial:
+        if out.suffix.lower() == ".npz":
+            measurement.to_npz(partial)
+        else:
+            write_uff(measurement, partial)
     _say(measurement, recordings, out, told, console)
     return measurement
 
@@ -113,6 +115,7 @@ def _say(
         f"{len(measurement.pairs)} FRFs ({measurement.kind}, {told.estimator}) from {len(recordings)} recordings, "
         f"{first:g} to {last:g} Hz, step {step:.4g} Hz: {out}",
         highlight=False,
+        markup=False,
         soft_wrap=True,
     )
     for note in measurement.notes:
@@ -127,4 +130,4 @@ def _say(
     if measurement.coherence is None:
         console.print("  Note: one hit a node, so there is no coherence.", highlight=False)
     nodes = "" if measurement.response[0].coordinate is not None else " --nodes nodes.csv"
-    console.print(f"Next: torchplate new {out}{nodes}", highlight=False, soft_wrap=True)
+    console.print(f"Next: torchplate new {out}{nodes}", highlight=False, markup=False, soft_wrap=True)

@@ -71,15 +71,15 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
     if quality.coherence or len(measurement.pairs) > 1:
         console.print(_channels(measurement, quality))
     for suspicion in quality.suspicions:
-        console.print(f"[yellow]{suspicion.label}[/yellow]: {suspicion.reason}", highlight=False)
+        console.print(f"[yellow]{suspicion.label}[/yellow]: {escape(suspicion.reason)}", highlight=False)
     for note in measurement.notes:
-        console.print(f"[yellow]Note:[/yellow] {note}", highlight=False)
+        console.print(f"[yellow]Note:[/yellow] {escape(note)}", highlight=False)
     folder = Path("runs") / "inspect" if out is None else Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"{Path(path).stem}.png"
     with whole(target) as partial:
         _figure(measurement, quality, Path(path)).savefig(partial, format="png", dpi=150)
-    console.print(f"Figure: {target}", highlight=False, soft_wrap=True)
+    console.print(f"Figure: {target}", highlight=False, markup=False, soft_wrap=True)
     return target
 
 
@@ -93,7 +93,9 @@ def _holds_frfs(path: Path) -> bool:
 
 
 def _records(recordings: list[Recording], path: Path) -> Table:
-    table = Table(title=f"{path}: time records", show_header=False, title_justify="left", box=None, padding=(0, 2))
+    table = Table(
+        title=escape(f"{path}: time records"), show_header=False, title_justify="left", box=None, padding=(0, 2)
+    )
     table.add_column(style="dim", no_wrap=True)
     table.add_column()
     first, n = recordings[0], len(recordings)
@@ -104,12 +106,15 @@ def _records(recordings: list[Recording], path: Path) -> Table:
     )
     table.add_row("channels", f"a force up to {np.abs(first.force).max():.4g} and {len(first.response)} responses")
     name = shlex.quote(path.name)
-    table.add_row("what torchplate does", f"FRFs from hits: torchplate frf {name} --response NODE ... --out FRFS.uff")
+    what = f"FRFs from hits: torchplate frf {name} --response NODE ... --out FRFS.uff"
+    table.add_row("what torchplate does", escape(what))
     return table
 
 
 def _contents(contents: Contents, path: Path) -> Table:
-    table = Table(title=f"{path}: what it holds", title_justify="left", box=None, padding=(0, 2), header_style="dim")
+    table = Table(
+        title=escape(f"{path}: what it holds"), title_justify="left", box=None, padding=(0, 2), header_style="dim"
+    )
     for head in ("", "holds", "what torchplate does with it"):
         table.add_column(head)
     for part in contents.parts:
@@ -118,14 +123,14 @@ def _contents(contents: Contents, path: Path) -> Table:
 
 
 def _summary(measurement: Measurement, quality: Quality, path: Path) -> Table:
-    table = Table(title=str(path), show_header=False, title_justify="left", box=None, padding=(0, 2))
+    table = Table(title=escape(str(path)), show_header=False, title_justify="left", box=None, padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column()
     n_response, n_reference = len(measurement.response), len(measurement.reference)
     table.add_row("FRFs", f"{len(measurement.pairs)} of {n_response} × {n_reference} (responses × references)")
     table.add_row("responses", " ".join(c.label for c in measurement.response))
     table.add_row("references", " ".join(c.label for c in measurement.reference))
-    table.add_row("kind, unit", f"{measurement.kind}, {measurement.unit}")
+    table.add_row("kind, unit", escape(f"{measurement.kind}, {measurement.unit}"))
     low, high = quality.band
     step = "uneven step" if quality.step is None else f"step {quality.step:g} Hz"
     table.add_row("band", f"{low:g} to {high:g} Hz, {step}, {quality.n_line} lines")
@@ -172,7 +177,7 @@ def _peaks(quality: Quality) -> str:
 
 def _channels(measurement: Measurement, quality: Quality) -> Table:
     table = Table(title="Channels", title_justify="left", box=None, padding=(0, 2), header_style="dim")
-    heads = ["FRF", f"rms level [{measurement.unit}]", "line noise"]
+    heads = ["FRF", escape(f"rms level [{measurement.unit}]"), "line noise"]
     coherence = {c.label: c for c in quality.coherence}
     heads += ["coherence mean", "median", "below 0.8"] if coherence else []
     for index, head in enumerate(heads):

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from torchplate.diagnosis.result import Diagnosis
 from torchplate.report import log_figures, step_tags
 from torchplate.search import Progress
 
+_EVENTS = "events.out.tfevents."
 _DIAGNOSIS = ".diagnosis"
 # A folder for each of several searches, with the number of its rows in the history.
 REPEAT = "search_"
@@ -37,9 +39,11 @@ class RunLog:
         self.folder, self.names = folder, names
         if keep is None:
             # TensorBoard would draw a run that was in this folder before over the new one.
-            for pattern in ("events.out.tfevents.*", f"{REPEAT}*/events.out.tfevents.*"):
+            for pattern in (f"{_EVENTS}*", f"{REPEAT}*/{_EVENTS}*"):
                 for path in folder.glob(pattern):
                     path.unlink()
+        else:
+            let_later_ones_follow(folder)
         rows = read_history(folder) if keep is not None else []
         self._rows = [row for row in rows if int(row["generation"]) <= (keep or 0)]
         purge = 1 + max((int(row["n_evaluation"]) for row in self._rows), default=-1)
@@ -80,6 +84,9 @@ class RunLog:
         for name, value in zip(self.names, theta[best].tolist(), strict=True):
             self._writer.add_scalar(f"parameter/{name}", value, step)
         if progress.snapshot:
+            # A curve has no hole where the search goes on from here.
+            for events in (self._writer, *self._repeats):
+                events.flush()
             save_checkpoint(progress.checkpoint(), self.folder / "checkpoint.pt")
 
     def _curves(self, progress: Progress) -> None:
@@ -127,6 +134,21 @@ class RunLog:
             writer.close()
 
 
+def let_later_ones_follow(folder: Path) -> None:
+    """Rename the event files of a run so that one that is begun now is read after them.
+
+    TensorBoard reads them in the order of their names: the second of the clock, and then, as text, the host, the
+    process and a count, so that the 11th of a process stands before its 8th of the same second.
+    """
+    now = int(time.time())
+    for home in (folder, *folder.glob(f"{REPEAT}*")):
+        there = sorted(path for path in home.glob(f"{_EVENTS}*") if path.name[len(_EVENTS) :].split(".")[0].isdigit())
+        late = [path for path in there if int(path.name[len(_EVENTS) :].split(".")[0]) >= now - 1]
+        for place, path in enumerate(late):
+            *_, process, count = path.name.split(".")
+            path.rename(home / f"{_EVENTS}{now - 1:010d}.{place:06d}.{process}.{count}")
+
+
 def _plain(settings: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
     """What TensorBoard takes for a setting."""
     return {key: value if isinstance(value, bool | int | float) else str(value) for key, value in settings.items()}
@@ -141,7 +163,7 @@ def log_diagnosis(folder: Path, diagnosis: Diagnosis) -> None:
         folder: where the event file goes, made if it is not there.
         diagnosis: what was found.
     """
-    for path in folder.glob(f"events.out.tfevents.*{_DIAGNOSIS}"):
+    for path in folder.glob(f"{_EVENTS}*{_DIAGNOSIS}"):
         path.unlink()
     with SummaryWriter(str(folder), filename_suffix=_DIAGNOSIS) as writer:
         for name, step in step_tags(diagnosis.steps):

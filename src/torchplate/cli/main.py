@@ -2,8 +2,13 @@
 
 import argparse
 import errno
+import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from types import FrameType
 
 from torchplate.cli.verbs import VERBS
 
@@ -14,6 +19,8 @@ OUTSIDE = {
     errno.EROFS: "Name a place that can be written to",
     errno.ENOSPC: "Make room on that disk, or name another place; a search goes on with --resume",
     errno.EDQUOT: "Make room on that disk, or name another place; a search goes on with --resume",
+    errno.EFBIG: "Raise the limit on the size of files, or name another place; a search goes on with --resume",
+    errno.ENOMEM: "Close other programs, or take a coarser mesh or fewer members",
     errno.EIO: "Look after that disk, or name another place; a search goes on with --resume",
     errno.EISDIR: "Name a file",
     errno.ENOTDIR: "Correct the path",
@@ -35,9 +42,64 @@ class _Version(argparse.Action):
         parser.exit()
 
 
+class _Terminated(BaseException):
+    """SIGTERM came: not an Exception, so that nothing on the way takes it for a failed evaluation."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status."""
-    given = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        with _sigterm_raises(), _writers_are_quiet():
+            return _main(sys.argv[1:] if arguments is None else list(arguments))
+    except BrokenPipeError:
+        # Whoever read the output has gone; what Python still holds for it must not be said again at the end.
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except (KeyboardInterrupt, _Terminated) as error:
+        print(
+            "Stopped. What was computed is in the run's folder; a population search and a diagnosis go on with "
+            "--resume.",
+            file=sys.stderr,
+        )
+        return 128 + (signal.SIGTERM if isinstance(error, _Terminated) else signal.SIGINT)
+
+
+@contextmanager
+def _sigterm_raises() -> Iterator[None]:
+    """SIGTERM ends the command as Ctrl-C does, for as long as this lasts."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def terminated(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+        raise _Terminated
+
+    before = signal.signal(signal.SIGTERM, terminated)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _writers_are_quiet() -> Iterator[None]:
+    """A thread that cannot write for want of room prints no traceback: the command meets the same error and says it."""
+    before = threading.excepthook
+
+    def said(told: threading.ExceptHookArgs) -> None:
+        if not (isinstance(told.exc_value, OSError) and told.exc_value.errno in OUTSIDE):
+            before(told)
+
+    threading.excepthook = said
+    try:
+        yield
+    finally:
+        threading.excepthook = before
+
+
+def _main(given: list[str]) -> int:
+    """Run one verb; what it cannot use is said."""
     # The others need not be asked what they take.
     verb = next((word for word in given if not word.startswith("-")), "")
     parsed = parser(verb).parse_args(given)
@@ -45,28 +107,41 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from torchplate.cli.config import InputError
     from torchplate.cli.ranks import Ended
     from torchplate.measurement import MeasurementError
+    from torchplate.measurement.archive import plain
 
     try:
         VERBS[parsed.verb].call(parsed)
     except (InputError, MeasurementError) as error:
-        print(error, file=sys.stderr)
+        print(plain(str(error)), file=sys.stderr)
         return 2
     except OSError as error:
-        if error.errno not in OUTSIDE or error.filename is None:
+        if error.errno not in OUTSIDE:
             raise
-        what = f"{error.filename}: Expected a place that can be read and written, got '{error.strerror}'."
+        where = error.filename or "What is printed, or a file of the run"
+        what = f"{where}: Expected a place that can be read and written, got '{error.strerror}'."
         print(f"{what} {OUTSIDE[error.errno]}.", file=sys.stderr)
+        return 2
+    except (MemoryError, RuntimeError) as error:
+        if not _is_out_of_memory(error):
+            raise
+        print(
+            "Expected memory enough for this mesh and so many members, got an allocator that has no more to give. "
+            "Lower mesh.n_x and mesh.n_y, mesh.refine or search.n_member, or close other programs.",
+            file=sys.stderr,
+        )
         return 2
     except Ended as error:
         print(error, file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print(
-            "Stopped. What was computed is in the run's folder; a population search goes on with --resume.",
-            file=sys.stderr,
-        )
-        return 130
     return 0
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    """Whether the machine's or the GPU's memory is spent; torch says so of the machine's in words alone."""
+    import torch
+
+    spent = isinstance(error, MemoryError | torch.OutOfMemoryError)
+    return spent or "DefaultCPUAllocator: can't allocate memory" in str(error)
 
 
 def parser(only: str | None = None) -> argparse.ArgumentParser:

@@ -61,7 +61,7 @@ def modes(
         out.parent.mkdir(parents=True, exist_ok=True)
         with whole(out) as partial:
             write_modal_model(found.model, partial, out.suffix)
-        console.print(f"Modes: {out}", highlight=False, soft_wrap=True)
+        console.print(f"Modes: {out}", highlight=False, markup=False, soft_wrap=True)
         key = f"measurement: {{modal_model: {{file: {shlex.quote(out.name)}}}}}"
         console.print(f"Next: in a config, {key}", highlight=False, markup=False, soft_wrap=True)
     return found

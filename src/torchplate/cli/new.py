@@ -12,6 +12,7 @@ from rich.console import Console
 from torchplate.cli.build import load_run
 from torchplate.cli.config import InputError
 from torchplate.cli.new_text import compose
+from torchplate.cli.writing import write_text
 from torchplate.effects import find_effect
 from torchplate.measurement import (
     METRES,
@@ -143,7 +144,7 @@ def new(file: Path | str, wishes: Wishes, out: Path | None = None, console: Cons
     draft = _drafted(file, wishes)
     draft = _with_level(draft)
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(compose(draft, os.path.relpath(file.resolve(), out.resolve().parent), _table(wishes, out)))
+    write_text(out, compose(draft, os.path.relpath(file.resolve(), out.resolve().parent), _table(wishes, out)))
     load_run(out).model()  # a config that does not run would be a defect of ours
     _say(draft, out, console)
     return out
@@ -389,7 +390,7 @@ def _say(draft: Draft, out: Path, console: Console) -> None:
     def line(text: str, guess: bool = False) -> None:
         console.print(f"  {'guess: ' if guess else ''}{text}", highlight=False, markup=False, soft_wrap=True)
 
-    console.print(f"[bold]{out}[/]", highlight=False, soft_wrap=True)
+    console.print(str(out), style="bold", highlight=False, markup=False, soft_wrap=True)
     proposal = draft.proposal
     line(f"plate of {proposal.length_x:g} × {proposal.length_y:g} m ({proposal.sides.text})", proposal.sides.guess)
     for said in (proposal.unit, proposal.axes, proposal.origin):
@@ -409,4 +410,6 @@ def _say(draft: Draft, out: Path, console: Console) -> None:
         f"band {draft.band[0]:g} to {draft.band[1]:g} Hz, {draft.cells[0]} × {draft.cells[1]} elements, gain "
         f"{'known' if draft.gain_is_known else 'unknown'}"
     )
-    console.print(f"Next: torchplate run {out}; torchplate diagnose {out}", highlight=False, soft_wrap=True)
+    console.print(
+        f"Next: torchplate run {out}; torchplate diagnose {out}", highlight=False, markup=False, soft_wrap=True
+    )

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import torch
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -89,7 +90,7 @@ def run(
             "search.optimizer",
             "Expected a population search for processes to share, got least_squares. Run it without torchrun.",
         )
-    checkpoint = read_checkpoint(recipe, folder, model.known.device) if resume else None
+    checkpoint = read_checkpoint(recipe, folder, model.known.device, len(model.names)) if resume else None
     with occupied(folder):
         open_folder(recipe, folder, device, "run", force=force, resume=resume)
         remarks = recipe.remarks(model)
@@ -97,9 +98,11 @@ def run(
             console.print(f"  Note: {note}", markup=False, highlight=False, soft_wrap=True)
         if objective is None:
             return replace(_evaluated(recipe, model, folder, console), remarks=remarks)
-        console.print(f"[bold]{recipe.path.stem}[/]: {_described(objective)}")
+        console.print(f"[bold]{escape(recipe.path.stem)}[/]: {escape(_described(objective))}")
         if resume and checkpoint is None:
-            console.print(f"  No generation was finished in {folder}: the search begins anew.", soft_wrap=True)
+            console.print(
+                f"  No generation was finished in {folder}: the search begins anew.", markup=False, soft_wrap=True
+            )
         command = _command(path, folder, overrides, device)
         found = _identified(recipe, objective, optimizer, checkpoint, Place(folder, command, console, ranks))
         return replace(found, remarks=remarks)
@@ -149,7 +152,7 @@ def _identified(
             settings_of(recipe),
             search,
             resume=checkpoint,
-            say=lambda text: console.print(f"  {text}"),
+            say=lambda text: console.print(f"  {text}", markup=False),
             prepared=check,
         )
         found = _written(recipe, end, folder, console)
@@ -253,11 +256,11 @@ def _evaluated(recipe: Run, model: PlateModel, folder: Path, console: Console) -
     """A config of numbers alone, without a measurement: the model's natural frequencies."""
     found = evaluated(model, model.known.new_zeros(0), recipe.optimizer(), settings_of(recipe))
     result = content(recipe, found)
-    write_text(folder / "result.json", json.dumps(result, indent=1) + "\n")
+    write_text(folder / "result.json", json.dumps(result, indent=1, allow_nan=False) + "\n")
     listed = ", ".join(f"{hertz:.2f}" for hertz in found.natural_frequencies_hz)
     text = f"Natural frequencies [Hz], undamped, rigid-body modes first: {listed}."
     write_files(folder, model_report(recipe.path.stem, model, found, f"torchplate run {shlex.quote(str(recipe.path))}"))
-    console.print(f"[bold]{recipe.path.stem}[/]: {text}\n  Results: {folder}", soft_wrap=True)
+    console.print(f"[bold]{escape(recipe.path.stem)}[/]: {text}\n  Results: {escape(str(folder))}", soft_wrap=True)
     return Found(folder, result, [])
 
 
@@ -277,7 +280,7 @@ def _say(console: Console, folder: Path, result: dict[str, Any], sentences: Sequ
         for name, entry in result["parameters"].items():
             std = "not seen" if entry["std"] is None else f"{entry['std']:.2g}"
             table.add_row(
-                name, f"{entry['value']:.6g}", std, entry["unit"], "on its bound" if entry["at_bound"] else ""
+                escape(name), f"{entry['value']:.6g}", std, entry["unit"], "on its bound" if entry["at_bound"] else ""
             )
         console.print(table)
     if "modes" in result:
@@ -289,8 +292,8 @@ def _say(console: Console, folder: Path, result: dict[str, Any], sentences: Sequ
     console.print(f"  {result['objective_kind']} {result['objective']:.6g}. {result['fit']}")
     console.print(f"  {result['optimizer']}: {result['status']}" if result["parameters"] else f"  {result['status']}")
     for sentence in sentences:
-        console.print(f"  [yellow]Note:[/] {sentence}")
-    console.print(f"  Results: {folder}", soft_wrap=True)
+        console.print(f"  [yellow]Note:[/] {escape(sentence)}")
+    console.print(f"  Results: {folder}", markup=False, soft_wrap=True)
 
 
 def _described(objective: Objective) -> str:

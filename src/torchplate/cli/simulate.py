@@ -76,7 +76,9 @@ def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console
         else:
             write_uff(measurement, partial)
     cells = " × ".join(str(number) for number in model.mesh.cells)
-    console.print(f"{len(measurement.pairs)} FRFs ({measurement.kind}) of a {cells} mesh: {out}", soft_wrap=True)
+    console.print(
+        f"{len(measurement.pairs)} FRFs ({measurement.kind}) of a {cells} mesh: {out}", markup=False, soft_wrap=True
+    )
     return measurement
 
 

@@ -72,18 +72,21 @@ def _diagnose_arguments(parser: ArgumentParser) -> None:
     _config(parser)
     parser.add_argument("--out", type=Path, help="the folder (default: runs/<config name>/<time>)")
     _device(parser)
-    parser.add_argument("--resume", action="store_true", help="leave it at what --out holds if that has ended")
+    parser.add_argument(
+        "--resume", action="store_true", help="go on with one that was stopped, in --out or in the latest folder"
+    )
     parser.add_argument("--force", action="store_true", help="write over what an earlier diagnosis has left in --out")
 
 
 def _diagnose(parsed: Parsed) -> None:
-    """Minutes at most, so one that was stopped begins anew; one that ended is not repeated."""
+    """One that ended is not repeated."""
     from torchplate.cli.diagnose import diagnose
+    from torchplate.cli.folder import has_ended
 
-    if parsed.resume and parsed.out is not None and (parsed.out / "diagnosis.json").exists():
+    if parsed.resume and parsed.out is not None and has_ended(parsed.out):
         print(f"{parsed.out} holds a diagnosis that has ended. Leave --resume out to repeat it.")
         return
-    diagnose(parsed.config, parsed.out, parsed.set, parsed.device, force=parsed.force)
+    diagnose(parsed.config, parsed.out, parsed.set, parsed.device, force=parsed.force, resume=parsed.resume)
 
 
 def _new_arguments(parser: ArgumentParser) -> None:
@@ -291,6 +294,7 @@ VERBS: Final = {
         (
             "torchplate diagnose plate.yaml --out runs/plate",
             "torchplate diagnose plate.yaml --set measurement.position_std=0.002",
+            "torchplate diagnose plate.yaml --out runs/plate --resume    # goes on where it was stopped",
         ),
         _diagnose_arguments,
         _diagnose,

@@ -23,6 +23,7 @@ from torchplate.discrepancy.specimen import Found, Specimens
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
 from torchplate.search.least_squares import least_squares
+from torchplate.search.recall import Descent, recalled
 
 
 class Ended(NamedTuple):
@@ -96,17 +97,28 @@ class Joint:
             rows = [self._jacobian(row[:n], far * (row[n:] - 0.5), level, marginal) for row in _rows(places)]
             return torch.stack([_times(one, n, far) for one in rows]).unflatten(0, places.shape[:-1])
 
-        ended = least_squares(
-            residual,
-            torch.cat([position.clamp(0.0, 1.0), 0.5 + shift / far])[None],
-            jacobian=jacobian,
-            n_iteration=n_iteration,
-            objective_tolerance=self.settings.tolerance if sharp else self.target.settings.wide.tolerance,
-            # Rounding on the unit cube.
-            step_tolerance=1e-7,
-            damping=damping,
-        )
-        slope, place = _times(ended.jacobian[0], n, 1 / far), ended.position[0]
+        start = torch.cat([position.clamp(0.0, 1.0), 0.5 + shift / far])[None]
+
+        def descend() -> Descent:
+            before = self.builder.n_evaluation
+            ended = least_squares(
+                residual,
+                start,
+                jacobian=jacobian,
+                n_iteration=n_iteration,
+                objective_tolerance=self.settings.tolerance if sharp else self.target.settings.wide.tolerance,
+                # Rounding on the unit cube.
+                step_tolerance=1e-7,
+                damping=damping,
+            )
+            n_evaluation = self.builder.n_evaluation - before
+            return Descent(start, ended.position, ended.objective, n_evaluation, ended.jacobian)
+
+        ended, known = recalled(start, descend)
+        if known:
+            self.builder.count(ended.n_evaluation)
+        slope = _times((jacobian(ended.position) if known else ended.jacobian)[0], n, 1 / far)
+        place = ended.position[0]
         spread = torch.linalg.pinv(slope.mT @ slope, hermitian=True, rtol=1e-12)[n:, n:]
         return Ended(place[:n], Found(far * (place[n:] - 0.5), spread), float(ended.objective[0]))
 

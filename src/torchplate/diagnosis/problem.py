@@ -11,6 +11,7 @@ from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy.marginal import Marginal
 from torchplate.model import PlateModel
 from torchplate.search.least_squares import least_squares
+from torchplate.search.recall import Descent, recalled
 
 Prior = Mapping[str, tuple[float, float]]
 
@@ -83,6 +84,8 @@ class Problem:
     ) -> tuple[Float[Tensor, "n_start n"], Float[Tensor, " n_start"], Float[Tensor, "n_start n_residual n"]]:
         """Places where least squares ends, half their sums of squares, and the Jacobians there.
 
+        A descent that is recalled has no rows in its Jacobian.
+
         Args:
             start: positions.
             level: of the residuals.
@@ -91,16 +94,26 @@ class Problem:
         """
         wide, sharp = self.target.settings.wide, self.target.settings.fitting
         is_wide = level < self.target.levels - 1
-        found = least_squares(
-            lambda position: self.residual(position, level),
-            start.clamp(0.0, 1.0),
-            jacobian="forward",
-            n_iteration=n_iteration,
-            objective_tolerance=wide.tolerance if is_wide else sharp.tolerance,
-            # Rounding on the unit cube.
-            step_tolerance=1e-7,
-            damping=wide.damping if is_wide else sharp.damping if damping is None else damping,
-        )
+        start = start.clamp(0.0, 1.0)
+
+        def descend() -> Descent:
+            before = self.builder.n_evaluation
+            found = least_squares(
+                lambda position: self.residual(position, level),
+                start,
+                jacobian="forward",
+                n_iteration=n_iteration,
+                objective_tolerance=wide.tolerance if is_wide else sharp.tolerance,
+                # Rounding on the unit cube.
+                step_tolerance=1e-7,
+                damping=wide.damping if is_wide else sharp.damping if damping is None else damping,
+            )
+            n_evaluation = self.builder.n_evaluation - before
+            return Descent(start, found.position, found.objective, n_evaluation, found.jacobian)
+
+        found, known = recalled(start, descend)
+        if known:
+            self.builder.count(found.n_evaluation)
         return found.position, found.objective, found.jacobian
 
     def descend_sharply(

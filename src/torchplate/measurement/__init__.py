@@ -5,6 +5,7 @@ Map:
     natural_frequencies: a table of natural frequencies by mode number
     imperfections: what a test is not perfect in, and how large that is in a careful one
     read: one way in for every file; the suffix chooses the reader
+    archive, parsing: arrays and text of a file, whoever wrote it; what a broken one raises becomes one sentence
     uff: universal files: dataset 58 (ASCII, binary) with nodes from 15 or 2411 and units from 164, read
     contents: what a universal file holds, dataset by dataset, and what can be done with it
     uff_values: the values of a dataset 58, in each of the format's eight cases
@@ -19,6 +20,7 @@ Map:
     plausibility: whether a model and a measurement can belong together: frequencies, kind and level
     recording: time records of hits, cut and checked
     record_files: time records from UFF, WAV, MAT, NPZ, CSV and LVM files
+    mat_elements: what a MAT file holds, walked before SciPy reads it
     estimate: FRFs and coherence from cut hits
     from_hits: recordings of a whole test as one measurement
     modal_model: natural frequencies, damping and mode shapes at points (`ModalModel`), and their table

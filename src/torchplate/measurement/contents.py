@@ -14,6 +14,7 @@ import numpy as np
 
 from torchplate.measurement.level import FORCE, MOTION
 from torchplate.measurement.measurement import MeasurementError
+from torchplate.measurement.parsing import reads
 from torchplate.measurement.uff import UffFile, open_uff
 
 FUNCTION: Final = {
@@ -127,13 +128,13 @@ class Contents(NamedTuple):
     has_time: bool
 
 
-def describe(path: Path | str) -> Contents:
+@reads("a universal file")
+def describe(path: Path) -> Contents:
     """Describe a universal file; a dataset that does not parse is said to be one.
 
     Raises:
         MeasurementError: The file is no universal file, or cannot be read.
     """
-    path = Path(path)
     file = open_uff(path)
     by_type: dict[int, list[int]] = defaultdict(list)
     for index, kind in enumerate(file.types):

@@ -1,6 +1,7 @@
 """What a sensor did read: FRFs by response and reference channel."""
 
 import zipfile
+import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
@@ -10,6 +11,8 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from torchplate.measurement.archive import arrays_of, plain
+
 Kind = Literal["receptance", "mobility", "accelerance", "transmissibility"]
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 SI_UNIT: Final[dict[Kind, str]] = {
@@ -18,6 +21,9 @@ SI_UNIT: Final[dict[Kind, str]] = {
     "accelerance": "m/(N s²)",
     "transmissibility": "-",
 }
+
+LEAST, MOST = 1e-100, 1e100
+"""Levels beyond these are no measurement, and their squares no numbers."""
 
 
 class MeasurementError(ValueError):
@@ -118,12 +124,13 @@ class Measurement:
         if self.kind not in KINDS:
             raise self._error(f"a kind out of {', '.join(KINDS)}", f"{self.kind!r}", "Name one of these")
         kept = torch.where(self.measured, self.frf, torch.zeros_like(self.frf))
-        if not bool(torch.isfinite(kept).all()):
-            bad = (~torch.isfinite(kept)).any(dim=0).nonzero()[0]
+        sound = kept.abs() < MOST  # which NaN is not
+        if not bool(sound.all()):
+            bad = (~sound).any(dim=0).nonzero()[0]
             pair = self.pair_label(int(bad[0]), int(bad[1]))
             raise self._error(
                 "finite FRFs at every measured pair",
-                f"NaN or infinity in {pair}",
+                f"NaN or infinity, or more than {MOST:g}, in {pair}",
                 "Restrict the band or drop the pair",
             )
         object.__setattr__(self, "frf", kept)
@@ -201,10 +208,12 @@ class Measurement:
     def without_zeros(self) -> "Measurement":
         """Leave out the pairs that are zero at every line, as a dead channel leaves them; a note names them.
 
+        So small that its square is no number counts as zero.
+
         Raises:
             MeasurementError: Every pair is zero at every line.
         """
-        alive = (self.frf != 0).any(dim=0)
+        alive = (self.frf.abs() > LEAST).any(dim=0)
         dead = [pair for pair in self.pairs if not bool(alive[pair])]
         if not dead:
             return self
@@ -265,9 +274,8 @@ class Measurement:
             MeasurementError: Not an .npz archive, a missing key, no kind, or arrays that do not fit.
         """
         try:
-            with np.load(path, allow_pickle=False) as archive:
-                arrays = {key: archive[key] for key in archive.files}
-        except (OSError, ValueError, AttributeError, zipfile.BadZipFile) as error:
+            arrays = arrays_of(Path(path))
+        except (OSError, ValueError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise MeasurementError(
                 f"{path}: expected a NumPy .npz archive without pickled objects, got a file that does not "
                 f"open as one ({error}). Write it with numpy.savez or Measurement.to_npz."
@@ -291,6 +299,11 @@ class Measurement:
                 f"{path}: expected frequency [n_frequency] and frf [n_frequency, n_response, n_reference], "
                 f"got {arrays['frequency'].shape} and {frf.shape}. Reshape them before saving."
             )
+        for key in ("frequency", "coherence"):
+            if key in arrays and arrays[key].dtype.kind not in "iuf":
+                raise MeasurementError(
+                    f"{path}: expected real numbers in {key}, got {arrays[key].dtype}. Save it as float64."
+                )
         response, reference = _channels(arrays, "response", path), _channels(arrays, "reference", path)
         measured = arrays.get("measured", np.isfinite(frf).any(axis=0)).astype(bool)
         coherence = arrays.get("coherence")
@@ -305,10 +318,10 @@ class Measurement:
             response=response,
             reference=reference,
             kind=checked,
-            unit=str(arrays["unit"]) if "unit" in arrays and kind is None else SI_UNIT[checked],
+            unit=plain(str(arrays["unit"])) if "unit" in arrays and kind is None else SI_UNIT[checked],
             coherence=None if coherence is None else torch.from_numpy(coherence.astype(np.float64)),
             source=str(path),
-            notes=tuple(str(note) for note in arrays.get("notes", np.array([], dtype=np.str_))),
+            notes=tuple(plain(str(note)) for note in arrays.get("notes", np.array([], dtype=np.str_))),
         )
 
 
@@ -316,6 +329,11 @@ def _channels(arrays: dict[str, np.ndarray], end: str, path: Path) -> tuple[Chan
     nodes = arrays[end].reshape(-1)
     directions = arrays.get(f"{end}_direction", np.full(len(nodes), "w"))
     places = arrays.get(f"{end}_coordinate", np.full((len(nodes), 3), np.nan))
+    if nodes.dtype.kind not in "iuf" or places.dtype.kind not in "iuf":
+        raise MeasurementError(
+            f"{path}: expected real numbers in {end} and {end}_coordinate, got {nodes.dtype} and {places.dtype}. "
+            "Give node labels and metres."
+        )
     if directions.shape != nodes.shape or places.shape != (len(nodes), 3):
         raise MeasurementError(
             f"{path}: expected {end}_direction of {len(nodes)} and {end}_coordinate of ({len(nodes)}, 3) "
@@ -323,6 +341,6 @@ def _channels(arrays: dict[str, np.ndarray], end: str, path: Path) -> tuple[Chan
         )
     rows = zip(nodes.tolist(), directions.tolist(), places.tolist(), strict=True)
     return tuple(
-        Channel(int(node), str(direction), None if np.isnan(place).any() else (place[0], place[1], place[2]))
+        Channel(int(node), plain(str(direction)), None if np.isnan(place).any() else (place[0], place[1], place[2]))
         for node, direction, place in rows
     )

@@ -203,7 +203,8 @@ def _point(head: str, path: Path) -> Channel:
         x, y = (float(part) for part in parts)
     except ValueError:
         raise MeasurementError(
-            f"{path}: expected a node's label or a place \"x,y\" [m] as head of a column of deflections, got '{head}'. "
+            f'{path}: expected a node\'s label or a place "x,y" [m] as head of a column of deflections, got '
+            f"'{head[:60]}'. "
             'Write 12, or "0.1,0.2" in quotes.'
         ) from None
     return Channel(0, coordinate=(x, y, 0.0))
@@ -216,6 +217,6 @@ def _cell(text: str, head: str, number: int, path: Path) -> complex:
         return complex(text.replace(" ", "").lower().replace("i", "j"))
     except ValueError:
         raise MeasurementError(
-            f"{path}: expected a number under '{head}' in line {number}, got '{text}'. Write it as 1.2, complex as "
-            "1.2+0.3j."
+            f"{path}: expected a number under '{head[:60]}' in line {number}, got '{text[:60]}'. Write it as 1.2, "
+            "complex as 1.2+0.3j."
         ) from None

@@ -6,13 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from torchplate.measurement.measurement import Channel, Measurement, MeasurementError
+from torchplate.measurement.parsing import reads
 from torchplate.measurement.read import UFF_SUFFIX
 from torchplate.measurement.uff import read_geometry
 
 Point = tuple[float, float, float]
 
 
-def read_nodes(path: Path | str) -> dict[int, Point]:
+@reads("a table of nodes")
+def read_nodes(path: Path) -> dict[int, Point]:
     """Read a table of nodes; columns apart by commas, semicolons, tabs or blanks; a first line of words is skipped.
 
     A universal file is taken for its datasets 15 and 2411.
@@ -23,7 +25,6 @@ def read_nodes(path: Path | str) -> dict[int, Point]:
     Raises:
         MeasurementError: The file is absent, or a line is not a node with two or three numbers, or a node comes twice.
     """
-    path = Path(path)
     if path.suffix.lower() in UFF_SUFFIX:
         places, _ = read_geometry(path)
         if not places:
@@ -54,8 +55,8 @@ def read_nodes(path: Path | str) -> dict[int, Point]:
         began = True
         if len(values) not in (3, 4) or values[0] != int(values[0]):
             raise MeasurementError(
-                f"{path}: expected a node label and two or three coordinates in line {number}, got {line.strip()!r}. "
-                "Write it as 12, 0.1, 0.05."
+                f"{path}: expected a node label and two or three coordinates in line {number}, got "
+                f"{line.strip()[:60]!r}. Write it as 12, 0.1, 0.05."
             )
         node = int(values[0])
         if node in found:

@@ -6,6 +6,7 @@ from typing import Final
 from torchplate.measurement.measurement import Measurement, MeasurementError
 from torchplate.measurement.modal_model import ModalModel, read_modal_table
 from torchplate.measurement.modal_uff import read_modal_uff, write_modal_uff
+from torchplate.measurement.parsing import reads
 from torchplate.measurement.uff import read_uff
 
 UFF_SUFFIX: Final = (".uff", ".unv", ".uf")
@@ -14,7 +15,8 @@ MODAL_SUFFIX: Final = (*UFF_SUFFIX, ".csv")
 """What a modal model is written to."""
 
 
-def read_measurement(path: Path | str, kind: str | None = None, normal: int = 3) -> Measurement:
+@reads("a measurement")
+def read_measurement(path: Path, kind: str | None = None, normal: int = 3) -> Measurement:
     """Read a universal file (.uff, .unv, .uf) or a NumPy archive (.npz).
 
     Args:
@@ -25,7 +27,6 @@ def read_measurement(path: Path | str, kind: str | None = None, normal: int = 3)
     Raises:
         MeasurementError: The file is absent, has another suffix, or cannot be used.
     """
-    path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in (*UFF_SUFFIX, ".npz"):
         raise MeasurementError(
@@ -37,7 +38,8 @@ def read_measurement(path: Path | str, kind: str | None = None, normal: int = 3)
     return Measurement.from_npz(path, kind) if suffix == ".npz" else read_uff(path, kind, normal)
 
 
-def read_modal_model(path: Path | str, normal: int = 3) -> ModalModel:
+@reads("a modal model")
+def read_modal_model(path: Path, normal: int = 3) -> ModalModel:
     """Read natural frequencies, damping and mode shapes: a universal file with datasets 55 or 2414, or a table (.csv).
 
     Args:
@@ -47,7 +49,6 @@ def read_modal_model(path: Path | str, normal: int = 3) -> ModalModel:
     Raises:
         MeasurementError: The file is absent, has another suffix, or cannot be used.
     """
-    path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in (*UFF_SUFFIX, *TABLE_SUFFIX):
         raise MeasurementError(

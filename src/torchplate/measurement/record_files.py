@@ -3,14 +3,17 @@
 import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from torchplate.measurement.archive import arrays_of, plain
 from torchplate.measurement.level import FORCE, MOTION, SI_LABEL, to_si
+from torchplate.measurement.mat_elements import check_elements
 from torchplate.measurement.measurement import MeasurementError
+from torchplate.measurement.parsing import reads
 from torchplate.measurement.read import UFF_SUFFIX
 from torchplate.measurement.recording import Motion, Recording
 from torchplate.measurement.uff import Record, open_uff, read_geometry
@@ -44,13 +47,14 @@ class Layout:
     motion: Motion | None = None
 
 
-def read_recordings(path: Path | str, layout: Layout | None = None) -> list[Recording]:
+@reads("time records")
+def read_recordings(path: Path, layout: Layout | None = None) -> list[Recording]:
     """Read the hits' time records of a file, one `Recording` for each force record.
 
     Raises:
         MeasurementError: The file is absent, of another format, or without force and responses.
     """
-    path, layout = Path(path), layout or Layout()
+    layout = layout or Layout()
     if not path.is_file():
         raise MeasurementError(f"{path}: expected a file with time records, got none there. Check the path.")
     suffix = path.suffix.lower()
@@ -63,10 +67,10 @@ def read_recordings(path: Path | str, layout: Layout | None = None) -> list[Reco
         )
     try:
         table = _READERS[suffix](path)
-    except MeasurementError:
+    except (MeasurementError, MemoryError):
         raise
     except Exception as error:  # whatever a reader says of a file that is not of its format
-        reason = " ".join(str(error).split())[:120]
+        reason = plain(" ".join(str(error).split()))[:120]
         raise MeasurementError(
             f"{path}: expected a {suffix[1:].upper()} file with time records, got one that does not parse ({reason}). "
             "Export it again, or as CSV with the columns time, force, response."
@@ -85,6 +89,7 @@ def _from_table(table: _Table, path: Path, layout: Layout) -> list[Recording]:
     rate = layout.rate or table.rate
     if rate is None:
         raise MeasurementError(f"{path}: expected a sampling rate or a time column, got neither. Give --rate in Hz.")
+    table = replace(table, names=tuple(map(plain, table.names)))
     n_channel = table.channels.shape[1]
     if n_channel < 2:
         raise MeasurementError(
@@ -144,7 +149,10 @@ def _from_wav(path: Path) -> _Table:
 
 def _from_mat(path: Path) -> _Table:
     from scipy.io import loadmat
+    from scipy.io.matlab import matfile_version
 
+    if matfile_version(str(path))[0] == 1:
+        check_elements(path.read_bytes())
     try:
         content = loadmat(path, squeeze_me=True, simplify_cells=True)
     except NotImplementedError:
@@ -155,9 +163,7 @@ def _from_mat(path: Path) -> _Table:
 
 
 def _from_npz(path: Path) -> _Table:
-    # Through a handle: NumPy leaves a broken archive open.
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        return _from_mapping({key: archive[key] for key in archive.files}, path)
+    return _from_mapping(arrays_of(path), path)
 
 
 def _from_mapping(content: Mapping[str, Any], path: Path) -> _Table:

@@ -12,6 +12,7 @@ import pyuff
 import torch
 from jaxtyping import Complex, Float
 
+from torchplate.measurement.archive import plain
 from torchplate.measurement.level import Units, factor_to_si, kind_of
 from torchplate.measurement.measurement import (
     KINDS,
@@ -22,6 +23,7 @@ from torchplate.measurement.measurement import (
     MeasurementError,
     checked_kind,
 )
+from torchplate.measurement.parsing import reads
 from torchplate.measurement.uff_values import ValuesError, decode
 
 FUNCTION_TYPE: Final = {0: "unknown", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "FRF"}
@@ -165,6 +167,7 @@ def open_uff(path: Path) -> UffFile:
     return UffFile(_complete(path), path)
 
 
+@reads("a universal file")
 def read_geometry(path: Path) -> tuple[dict[int, Point], int | None]:
     """Every node of a universal file [m by its units], and the axis most of its FRFs point along, 1 to 3, if any.
 
@@ -189,8 +192,14 @@ def _complete(path: Path) -> Any:
             f"{path}: expected a universal file (.uff, .unv), got none that can be read ({error.strerror}). "
             "Check the path."
         ) from error
-    file = pyuff.UFF(str(path))
-    if file.get_n_sets() == 0:
+    try:
+        file = pyuff.UFF(str(path))
+        n_set = file.get_n_sets()
+    except Exception as error:  # pyuff raises bare Exception for whatever it does not understand
+        raise MeasurementError(
+            f"{path}: expected a universal file, got one whose datasets do not part. Export it as UFF 58."
+        ) from error
+    if n_set == 0:
         came = "an empty file" if not content.strip() else "a file without one complete dataset"
         raise MeasurementError(
             f"{path}: expected a universal file, whose datasets stand between lines that hold only -1, got {came}. "
@@ -229,7 +238,7 @@ def _read(file: Any, index: int, path: Path, *, header_only: bool = False) -> di
             f"{path}: expected dataset {int(file.get_set_types()[index])} at place {index + 1} of the file in the "
             "format's columns, got one that does not parse. Export it again, or remove that dataset."
         ) from error
-    return dataset
+    return {key: plain(value) if isinstance(value, str) else value for key, value in dataset.items()}
 
 
 def _units(file: Any, path: Path, notes: list[str]) -> Units:

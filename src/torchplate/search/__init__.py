@@ -8,6 +8,7 @@
 - `sharded`: an objective that the processes of a torch.distributed group evaluate together.
 - `least_squares`, with `jacobian` and `least_squares_outcome`: bounded Levenberg-Marquardt, many starts in one batch;
   not an optimiser of the registry, for it needs residuals. `many_starts`: a search of the whole cube by it.
+  `recall`: ends of its descents that an interrupted computation had made.
 
 A new optimiser is one file with a frozen dataclass `class Mine(Optimizer[MineState], name="mine")` and one
 line below; the registry, the generic tests and whatever lists the optimisers follow.
@@ -25,6 +26,7 @@ from torchplate.search.many_starts import LeastSquares, least_squares_from_many_
 from torchplate.search.minimization import Objective, minimize
 from torchplate.search.optimizer import OPTIMIZERS, Candidates, Optimizer, State, optimizer_named
 from torchplate.search.outcome import Checkpoint, Outcome, Progress, Status
+from torchplate.search.recall import Descent, Recall, recalled, recalling
 from torchplate.search.sade import Sade
 from torchplate.search.sharded import RankLost, RanksDiffer, ShardedObjective, ShardingError
 
@@ -36,6 +38,7 @@ __all__ = [
     "ArtificialBeeColony",
     "Candidates",
     "Checkpoint",
+    "Descent",
     "DifferentialEvolution",
     "Jde",
     "LShade",
@@ -49,6 +52,7 @@ __all__ = [
     "Progress",
     "RankLost",
     "RanksDiffer",
+    "Recall",
     "Sade",
     "ShardedObjective",
     "ShardingError",
@@ -58,4 +62,6 @@ __all__ = [
     "least_squares_from_many_starts",
     "minimize",
     "optimizer_named",
+    "recalled",
+    "recalling",
 ]

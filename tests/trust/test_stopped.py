@@ -1,0 +1,137 @@
+"""Signals, a full disk, a closed pipe, spent memory: one sentence each, and what was computed is there."""
+
+import errno
+import json
+import os
+import signal
+import threading
+
+import pytest
+import torch
+
+from torchplate.cli import writing
+from torchplate.cli.main import main
+
+ONE = ["plate.youngs_modulus"]
+CHANGES = {"search.n_generation": 5, "search.tolerance": None}
+
+
+def said(outcome: tuple[int, str, str], status: int, *words: str) -> None:
+    assert outcome[0] == status, outcome
+    assert outcome[2].count("\n") == 1
+    for word in words:
+        assert word in outcome[2]
+
+
+@pytest.fixture
+def during(monkeypatch):
+    """Does something in the middle of a search, when the checkpoint of generation 2 has been written."""
+
+    def arrange(deed) -> None:
+        own = writing.write_bytes
+
+        def write_bytes(path, content) -> None:
+            own(path, content)
+            if path.name == "checkpoint.pt" and int(torch.load(path, weights_only=True)["generation"]) == 2:
+                deed()
+
+        monkeypatch.setattr("torchplate.cli.log.write_bytes", write_bytes)
+
+    return arrange
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_in_a_sentence_and_the_run_goes_on_to_the_same_result(
+    bench, make_config, command, during, monkeypatch, number, status
+):
+    whole = bench.run(ONE, CHANGES, out="whole").result
+    path, out = bench.write(make_config(ONE, CHANGES)), bench.folder / "out"
+    before = signal.getsignal(signal.SIGTERM)
+    with monkeypatch.context():
+        during(lambda: os.kill(os.getpid(), number))
+        said(command("run", path, "--out", out), status, "--resume")
+    assert signal.getsignal(signal.SIGTERM) == before
+    monkeypatch.setattr("torchplate.cli.log.write_bytes", writing.write_bytes)
+    assert command("run", path, "--out", out, "--resume")[0] == 0
+    assert json.loads((out / "result.json").read_text()) == whole
+
+
+def full() -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_disk_that_fills_up_without_a_name_is_said_and_the_run_goes_on_to_the_same_result(
+    bench, make_config, command, during, monkeypatch
+):
+    whole = bench.run(ONE, CHANGES, out="whole").result
+    path, out = bench.write(make_config(ONE, CHANGES)), bench.folder / "out"
+    during(full)
+    said(command("run", path, "--out", out), 2, "No space left", "Make room", "--resume")
+    monkeypatch.setattr("torchplate.cli.log.write_bytes", writing.write_bytes)
+    assert command("run", path, "--out", out, "--resume")[0] == 0
+    assert json.loads((out / "result.json").read_text()) == whole
+
+
+@pytest.mark.parametrize("room", [1, 20, 60])
+def test_a_small_disk_is_said_and_what_is_on_it_is_whole(bench, make_config, command, tmp_path, room):
+    small = tmp_path / "small"
+    small.mkdir()
+    if os.geteuid() or os.system(f"mount -t tmpfs -o size={room}k tmpfs {small} 2>/dev/null"):
+        pytest.skip("only root may mount a small disk")
+    try:
+        outcome = command("run", bench.write(make_config(ONE, {"search.n_generation": 400})), "--out", small / "out")
+        said(outcome, 2, "No space left on device")
+        assert not list(small.rglob("*.partial"))
+        if (small / "out" / "checkpoint.pt").exists():
+            torch.load(small / "out" / "checkpoint.pt", weights_only=True)
+    finally:
+        os.system(f"umount {small}")
+
+
+def test_a_thread_that_finds_the_disk_full_prints_no_traceback(capsys, monkeypatch):
+    def effects(_: object) -> None:
+        for deed in (full, lambda: 1 / 0):
+            thread = threading.Thread(target=deed)
+            thread.start()
+            thread.join()
+
+    monkeypatch.setattr("torchplate.cli.catalogue.effects", effects)
+    shown: list[type[BaseException]] = []
+    monkeypatch.setattr(threading, "excepthook", lambda told: shown.append(told.exc_type))
+    assert main(["effects"]) == 0
+    assert shown == [ZeroDivisionError]
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "words"),
+    [
+        (BrokenPipeError(errno.EPIPE, "Broken pipe"), 1, []),
+        (OSError(errno.ENOSPC, "No space left on device"), 2, ["What is printed", "Make room"]),
+        (MemoryError(), 2, ["memory", "Lower mesh.n_x"]),
+        (
+            RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: 8"),
+            2,
+            ["memory", "search.n_member"],
+        ),
+    ],
+)
+def test_what_the_machine_refuses_is_said(monkeypatch, capfd, error, status, words):
+    def effects(_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("torchplate.cli.catalogue.effects", effects)
+    with monkeypatch.context() as patch:
+        patch.setattr("torchplate.cli.main.os.dup2", lambda *_: None)
+        assert main(["effects"]) == status
+    stderr = capfd.readouterr().err
+    assert stderr.count("\n") == (1 if words else 0)
+    assert all(word in stderr for word in words)
+
+
+def test_another_runtime_error_is_a_defect(monkeypatch):
+    def effects(_: object) -> None:
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr("torchplate.cli.catalogue.effects", effects)
+    with pytest.raises(RuntimeError, match="a defect"):
+        main(["effects"])
