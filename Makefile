@@ -17,7 +17,7 @@ help:
 	@echo "make check     format, lint, types, tests, doctests, the wheel and the documentation"
 	@echo "make docs      the documentation, in site/"
 	@echo "make paper     reproduce the paper's tables and figures (20 seeds)"
-	@echo "make blind     name hidden effects in cases made by other discretisations (STRATUM=clean, workshop or tables; one hour)"
+	@echo "make blind     name hidden effects in cases made by other discretisations (STRATUM=clean, workshop, tables, real or shapes; one hour)"
 	@echo "make real      diagnose the measured plates of ../shared/data, where they are"
 	@echo "make clean     remove the virtual environment and caches"
 
@@ -56,7 +56,7 @@ docs: $(VENV)/.docs
 paper: $(VENV)/.run
 	$(BIN)/python -m torchplate.cli.paper
 
-# STRATUM=workshop or tables; CASES=0:20, say.
+# STRATUM=workshop, tables, real or shapes; CASES=0:20, say.
 SET ?= I
 STRATUM ?= clean
 CASES ?= 0:

@@ -8,6 +8,7 @@ Map:
     strata: clean, workshop, tables: how each is drawn
     splines: B-splines on 0 to 1 and their one-dimensional integrals
     ritz: the truth: Kirchhoff plates by an isogeometric Ritz method, their modes
+    air: the added mass of the air, by equal panels
     response: FRFs from those modes, with dampers, windows and the sensor chain
     spectral: a second truth: the same plates by elements of high degree
     nuisances: what every test has and nobody wants named, and a plate with it
@@ -20,6 +21,7 @@ Map:
     cases: the clean suite: which kind each case is, drawn by seed set and index
     workshop: the suite with all nuisances
     tables: the suite of natural frequencies
+    real: the suite of what measured plates carry
     twins: which names count as right
     place: what is right of places, sizes and moduli
     score: verdicts and tables

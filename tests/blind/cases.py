@@ -148,7 +148,19 @@ def draw(seed_set: str, index: int, by: str = "ritz") -> Case:
         index: from 0 to 159.
         by: which truth makes the FRFs: "ritz" or "spectral", where it knows what is hidden.
     """
-    slot, rng = suite()[index], np.random.default_rng(seed_of(seed_set, index))
+    return draw_slot(suite()[index], np.random.default_rng(seed_of(seed_set, index)), index, by)
+
+
+def draw_slot(slot: Slot, rng: Rng, index: int, by: str, stratum: str = "clean") -> Case:
+    """One case of a perfect plate and test.
+
+    Args:
+        slot: what it holds.
+        rng: where all numbers come from.
+        index: of the slot.
+        by: which truth makes the FRFs.
+        stratum: whose case it is.
+    """
     kind = STEEL if (index + slot.turn) % 2 == 0 else ALUMINIUM
     coarse = slot.names == ("mesh_discretisation",)
     noise = log_uniform(rng, *NOISE)
@@ -167,7 +179,7 @@ def draw(seed_set: str, index: int, by: str = "ritz") -> Case:
     return Case(
         name=f"{index:03d}", kind=slot.kind, config=settings, measurement=measurement, truth=hidden, noise=noise,
         shows=shows, youngs_modulus=specimen.plate.young, young_is_seen=not uncertain and not known(settings),
-        sides=kind.sides, file=file, specimen=specimen, extra=extra,
+        sides=kind.sides, file=file, specimen=specimen, extra=extra, stratum=stratum,
     )  # fmt: skip
 
 

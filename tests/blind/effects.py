@@ -26,6 +26,10 @@ Scales that are drawn log-uniformly are marked log; M is the plate's mass, A its
 | sensor_position | one response, 4 to 30 mm off, log |
 | channel_polarity | one response of several, else one FRF |
 | channel_swap | two responses of several, else two references |
+| air_loading | 1.15 to 1.25 kg/m³ |
+| directional_damping | one direction 0.01 to 0.04, one 0.001 to 0.01, both log; one none |
+| frequency_dependent_loss | ±0.2 to 0.7 |
+| roving_mass | 0.002 to 0.02 M, log |
 | mesh_discretisation | a config mesh of 6 × 6 (6 × 4), and nothing else |
 """
 
@@ -93,6 +97,8 @@ def apply(truth: Truth, specimen: Specimen, hidden: Hidden) -> Truth:
             truth.damping, beta=p.get("stiffness_loss_factor", truth.damping.beta), eta=p.get("mass_loss_factor", 0.0)
         )
         return replace(truth, damping=damping)
+    if name == "frequency_dependent_loss":
+        return replace(truth, damping=replace(truth.damping, exponent=p["exponent"]))
     if name == "viscous_damping":
         return replace(truth, damping=replace(truth.damping, a=p["mass_coefficient"], b=p["stiffness_coefficient"]))
     if name == "orthotropy":
@@ -118,6 +124,8 @@ def apply(truth: Truth, specimen: Specimen, hidden: Hidden) -> Truth:
 PLATE: dict[str, Callable[[Parameters], dict[str, Any]]] = {
     "aspect_ratio": lambda p: {"aspect_ratio": p["ratio"]},
     "poisson_ratio": lambda p: {"poisson": p["value"]},
+    "air_loading": lambda p: {"air": p["density"]},
+    "directional_damping": lambda p: {"loss": (p["loss_x"], p["loss_y"], p["loss_xy"])},
     "density": lambda p: {"density": p["value"]},
     "thickness": lambda p: {"thickness": p["value"]},
     "thickness_taper": lambda p: {"taper": (p["slope_x"], p["slope_y"])},
@@ -145,6 +153,8 @@ def _chain(chain: Chain, specimen: Specimen, test: Test, hidden: Hidden) -> Chai
         return replace(chain, rate=p["rate"])
     if name == "time_delay":
         return replace(chain, delay=p["delay"])
+    if name == "roving_mass":
+        return replace(chain, sensor_mass=p["mass"])
     if name == "sensor_gain":
         return replace(chain, gain=p["gain"])
     if name == "sensor_position":
@@ -246,6 +256,16 @@ def draw_hidden(rng: Rng, name: str, specimen: Specimen, turn: int) -> Hidden:
             p = {"rate": log_uniform(rng, 0.4, 5.0)}
         case "time_delay":
             p = {"delay": sign * log_uniform(rng, 1e-5, 3e-4)}
+        case "air_loading":
+            p = {"density": float(rng.uniform(1.15, 1.25))}
+        case "directional_damping":
+            # One direction loses most.
+            losses = rng.permutation([log_uniform(rng, 0.01, 0.04), log_uniform(rng, 0.001, 0.01), 0.0])
+            p = {name: float(value) for name, value in zip(("loss_x", "loss_y", "loss_xy"), losses, strict=True)}
+        case "frequency_dependent_loss":
+            p = {"exponent": sign * float(rng.uniform(0.2, 0.7))}
+        case "roving_mass":
+            p = {"mass": plate.mass * log_uniform(rng, 0.002, 0.02)}
         case "sensor_gain":
             p = {"gain": log_uniform(rng, 1.04, 1.35) ** sign}
         case "sensor_position":

@@ -31,7 +31,13 @@ def size(effect: str, p: Numbers) -> float | None:
             return hypot(p["slope_x"], p["slope_y"])
         case "sensor_position":
             return hypot(p["dx"], p["dy"])
-        case "point_mass":
+        case "frequency_dependent_loss":
+            return p["exponent"]
+        case "directional_damping":
+            return hypot(p["loss_x"], p["loss_y"], p["loss_xy"])
+        case "air_loading":
+            return p["density"]
+        case "point_mass" | "roving_mass":
             return p["mass"]
         case "ground_spring" | "support_spring" | "edge_spring":
             return p["stiffness"]

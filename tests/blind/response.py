@@ -21,7 +21,7 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True)
 class Damping:
-    """Damping in proportion to the whole model: β [-], η [1/s²], a [1/s], b [s]."""
+    """Damping in proportion to the whole model: β [-], η [1/s²], a [1/s], b [s]; β ∝ f^exponent, as at 100 Hz."""
 
     beta: float = 0.0
     eta: float = 0.0
@@ -29,6 +29,19 @@ class Damping:
     b: float = 0.0
     # What each mode's damping is times, the lowest first; modes beyond have 1 [-].
     scatter: tuple[float, ...] = ()
+    exponent: float = 0.0
+
+    def kappa(self, s: np.ndarray) -> np.ndarray:
+        """What K is times at each s.
+
+        With an exponent n a fractional Kelvin–Voigt term c sⁿ, c of the loss β at 100 Hz, and E the modulus there.
+        """
+        if not self.exponent:
+            return 1 + 1j * self.beta + s * self.b
+        at = 200 * np.pi
+        strength = self.beta / (at**self.exponent * np.sin(self.exponent * np.pi / 2))
+        term = strength * (s**self.exponent - ((1j * at) ** self.exponent).real)
+        return 1 + term + s * self.b
 
 
 @dataclass(frozen=True)
@@ -44,6 +57,7 @@ class Chain:
         reading: which pair, counted along the references first, is read under each label.
         calibration: gain of each pair [-], from one of its response and one of its reference channel.
         drift: of all natural frequencies in the record of each reference, relative [-].
+        sensor_mass: that moves from response to response with the sensor [kg].
     """
 
     rate: float = 0.0
@@ -54,6 +68,7 @@ class Chain:
     reading: np.ndarray | None = None
     calibration: np.ndarray | None = None
     drift: np.ndarray | None = None
+    sensor_mass: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -77,8 +92,15 @@ def frf(plate: RitzPlate, damping: Damping, chain: Chain, test: Test, n_span: in
 
     def read(chain: Chain, test: Test) -> np.ndarray:
         s = test.laplace(chain.rate)
-        motion = receptance(modes(plate, n_span), plate, damping, s, sat(plate, chain, test), test.reference)
-        return observe(motion, chain, test)
+        found, places = modes(plate, n_span), sat(plate, chain, test)
+        if not chain.sensor_mass:
+            return observe(receptance(found, plate, damping, s, places, test.reference), chain, test)
+        # Every response is a plate of its own.
+        inertia = (chain.sensor_mass * s**2)[:, None]
+        loaded = [
+            attach(receptance(found, plate, damping, s, [at, at], [at, *test.reference]), inertia) for at in places
+        ]
+        return observe(np.concatenate(loaded, axis=1), chain, test)
 
     return recorded(read, chain, test)
 
@@ -153,7 +175,7 @@ def receptance(
     dashpots = np.array(plate.dashpots).reshape(-1, 3)
     at = dashpots[:, :2].tolist()
     dynamic = s[:, None] * dashpots[:, 2]
-    kappa = 1 + 1j * damping.beta + s * damping.b
+    kappa = damping.kappa(s)
     if modulus is not None:
         springs = np.array(plate.springs).reshape(-1, 3)
         at = at + springs[:, :2].tolist()
@@ -174,7 +196,8 @@ def scattered(found: Modes, damping: Damping, dashpots: np.ndarray) -> np.ndarra
     if not damping.scatter:
         return None
     omega = np.sqrt(found.eigenvalue.clip(0.0))
-    own = damping.beta * omega**2 + damping.eta + damping.a * omega + damping.b * omega**3
+    law = (omega.clip(1e-3) / (200 * np.pi)) ** damping.exponent
+    own = damping.beta * law * omega**2 + damping.eta + damping.a * omega + damping.b * omega**3
     if len(dashpots):
         own = own + omega * (dashpots[:, 2] @ found.deflection(dashpots[:, :2].tolist()) ** 2)
     if found.matrices.hysteretic is not None:
@@ -199,8 +222,8 @@ def modal_sum(
     value: np.ndarray = kappa[:, None] * found.eigenvalue
     extra = scattered(found, damping, np.zeros((0, 3)) if dashpots is None else dashpots)
     if found.matrices.hysteretic is not None:
-        if damping.b:
-            raise NotImplementedError("A damping patch with stiffness-proportional viscous damping.")
+        if damping.b or damping.exponent:
+            raise NotImplementedError("Elements with a loss of their own beside a loss that goes with the frequency.")
         # κ does not depend on s here.
         value, left, right = complex_modes(found, complex(kappa[0]), left, right, extra)
     elif extra is not None:

@@ -11,13 +11,14 @@ shell.
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import comb, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.linalg
 
+from blind.air import added_mass
 from blind.splines import Splines
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ LIGHT = 0.0025
 # whoever looks for an effect does not know that the others are not there.
 WANDER = ((1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 N_WANDER = 5
+# Step of a difference, relative: its square and rounding over it are both 1e-8.
+LOST_STEP = 1e-4
 Weight = Callable[[np.ndarray], np.ndarray]
 
 
@@ -76,6 +79,8 @@ class RitzPlate:
         hinge: (place along x, N/rad per length), or None.
         thickness_wander: how far h(x, y) is off its mean along each of `WANDER`, relative [-].
         modulus_wander: likewise of E(x, y).
+        loss: beyond the common one, of E_x, E_y and G [-].
+        air: density of the air on both sides [kg/m³].
         by: which discretisation finds the modes: "ritz" or "spectral".
     """
 
@@ -100,6 +105,8 @@ class RitzPlate:
     hinge: tuple[float, float] | None = None
     thickness_wander: tuple[float, ...] = ()
     modulus_wander: tuple[float, ...] = ()
+    loss: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    air: float = 0.0
     by: str = "ritz"
 
     @property
@@ -198,6 +205,8 @@ def matrices(plate: RitzPlate, n_span: int = N_SPAN) -> Matrices:
         under = _bending(plate, x, y, *plate.covered(patch))
         stiffness += (patch.factor - 1) * under
         hysteretic += patch.loss_factor * under
+    if any(plate.loss):
+        hysteretic += lost(plate, lambda part: _bending(part, x, y, WHOLE, WHOLE))
     stiffness += _edges(plate, x, y)
     if plate.stress:
         stiffness += _residual_stress(plate, x, y)
@@ -212,9 +221,40 @@ def matrices(plate: RitzPlate, n_span: int = N_SPAN) -> Matrices:
         for place_x, place_y, coefficient in terms:
             row = found.rows([(place_x, place_y)])[0]
             matrix += coefficient * np.outer(row, row)
+    add_air(plate, found)
     cut = np.ix_(kept, kept)
-    lossy = hysteretic[cut] if any(patch.loss_factor for patch in plate.patches) else None
+    lossy = hysteretic[cut] if any(plate.loss) or any(patch.loss_factor for patch in plate.patches) else None
     return Matrices(found.mass[cut], found.stiffness[cut], lossy, x, y, kept)
+
+
+def lost(plate: RitzPlate, bending: Callable[[RitzPlate], np.ndarray]) -> np.ndarray:
+    """Σ η_q ∂K/∂ln q over the moduli E_x, E_y and G: by differences, which are nearly exact in these."""
+    total: np.ndarray = np.zeros(())
+    for index, loss in enumerate(plate.loss):
+        ends = []
+        for factor in (1 - LOST_STEP, 1 + LOST_STEP):
+            along = [factor if index == k else 1.0 for k in range(3)]
+            mean = sqrt(along[0] * along[1])
+            ends.append(
+                bending(
+                    replace(
+                        plate,
+                        young=plate.young * mean,
+                        young_ratio=plate.young_ratio * along[1] / along[0],
+                        shear_factor=plate.shear_factor * along[2] / mean,
+                    )
+                )
+            )
+        total = total + loss * (ends[1] - ends[0]) / (2 * LOST_STEP)
+    return total
+
+
+def add_air(plate: RitzPlate, found: "Matrices | SpectralMatrices") -> None:
+    """The mass of the air, into the mass matrix."""
+    if plate.air:
+        place, own = added_mass(plate.sides)
+        rows = found.rows(place.tolist())
+        found.mass[:] += plate.air * (rows.T @ own @ rows)
 
 
 def _breaks(plate: RitzPlate, n_span: int) -> tuple[dict[float, int], dict[float, int]]:

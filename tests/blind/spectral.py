@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from blind.ritz import LIGHT, RitzPlate, thickness_at, wander
+from blind.ritz import LIGHT, RitzPlate, add_air, lost, thickness_at, wander
 
 # Degree of an element of length ℓ, relative to the side: enough for some six half waves along the side, to 1e-6.
 DEGREE = 4.0
@@ -119,12 +119,12 @@ def matrices(plate: RitzPlate) -> SpectralMatrices:
     f, g = ([own.at(at, order) for order in range(3)] for own, at in ((x, at_x), (y, at_y)))
     curved = [np.kron(f[2], g[0]) / lx**2, np.kron(f[0], g[2]) / ly**2, np.kron(f[1], g[1]) / (lx * ly)]
     plain = np.kron(f[0], g[0])
-    mean = plate.young * plate.thickness**3 / 12
-    plane, root = mean / (1 - plate.poisson**2), sqrt(plate.young_ratio)
-    shear = plate.shear_factor * mean / (2 * (1 + plate.poisson))
 
-    def energy(over: np.ndarray) -> np.ndarray:
+    def energy(over: np.ndarray, plate: RitzPlate = plate) -> np.ndarray:
         """∫ over κᵀ D κ, κ = (w,xx, w,yy, 2 w,xy)."""
+        mean = plate.young * plate.thickness**3 / 12
+        plane, root = mean / (1 - plate.poisson**2), sqrt(plate.young_ratio)
+        shear = plate.shear_factor * mean / (2 * (1 + plate.poisson))
         w = over.ravel()[:, None]
         along_x = plane / root * curved[0] + plane * plate.poisson * curved[1]
         along_y = plane * plate.poisson * curved[0] + plane * root * curved[1]
@@ -135,12 +135,16 @@ def matrices(plate: RitzPlate) -> SpectralMatrices:
     areal = plate.density * plate.thickness * (area * thick).ravel()
     mass = plain.T @ (areal[:, None] * plain)
     lossy = energy(bending * loss) if loss.any() else None
+    if any(plate.loss):
+        whole = lost(plate, lambda part: energy(bending, part))
+        lossy = whole if lossy is None else lossy + whole
     stiffness += _edges(plate, x, y)
     found = SpectralMatrices(mass, stiffness, lossy, x, y)
     for matrix, terms in ((mass, plate.masses), (stiffness, plate.springs)):
         for place_x, place_y, coefficient in terms:
             row = found.rows([(place_x, place_y)])[0]
             matrix += coefficient * np.outer(row, row)
+    add_air(plate, found)
     return found
 
 

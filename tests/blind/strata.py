@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from blind import cases, tables, workshop
+from blind import cases, real, tables, workshop
 from blind.cases import Case, Slot
 
 
@@ -25,5 +25,8 @@ STRATA = {
     "clean": Stratum(cases.suite, cases.draw),
     "workshop": Stratum(workshop.suite, workshop.draw),
     "tables": Stratum(tables.suite, tables.draw),
+    "real": Stratum(real.suite, real.draw),
 }
+# Those without nuisances.
+PERFECT = ("clean", "real")
 TRUTHS = ("ritz", "spectral")

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from blind.score import Score, read
-from blind.strata import STRATA
+from blind.strata import PERFECT, STRATA
 
 # From a config and a folder to a diagnosis in that folder.
 Diagnose = Callable[[Path, Path], Any]
@@ -156,8 +156,8 @@ def _line(record: dict[str, Any]) -> str:
 
 def print_draws(seed_set: str, indices: Iterable[int], stratum: str = "clean", by: str | None = None) -> None:
     """A table of the cases, nothing run."""
-    # Of the clean stratum what is left over the noise, of the others the expected fall of −2 log likelihood.
-    left = "left / noise" if stratum == "clean" else "fall, seen"
+    # Of perfect tests what is left over the noise, of the others the expected fall of −2 log likelihood.
+    left = "left / noise" if stratum in PERFECT else "fall, seen"
     table = Table("case", "kind", "hidden", "noise %", left, "FRFs", "lines", "by", "known", "s")
     for index in indices:
         begin = time.perf_counter()
@@ -170,7 +170,7 @@ def print_draws(seed_set: str, indices: Iterable[int], stratum: str = "clean", b
             + "".join(f" {k}={v:.3g}" for k, v in case.extra.items()),
             f"{100 * case.noise:.2f}",
             " ".join(f"{shows / case.noise:.1f}" for shows in case.shows)
-            if stratum == "clean"
+            if stratum in PERFECT
             else " ".join(f"{fall:.3g} {word}" for fall, word in zip(case.shows, case.detectable, strict=True)),
             str(record["n_frf"]),
             str(record["n_line"]),

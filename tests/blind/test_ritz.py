@@ -127,6 +127,13 @@ IN_WORDS_OF_THE_CATALOGUE = {
     ),
     "exponential_window": ({}, {"rate": 4.0}, PLATE, Damping(0.06), Chain(rate=4.0)),
     "time_delay": ({}, {"delay": 4e-4}, PLATE, Damping(0.06), Chain(delay=4e-4)),
+    "air_loading": ({}, {"density": 3.0}, replace(PLATE, air=3.0), Damping(0.06), Chain()),
+    "directional_damping": (
+        {}, {"loss_x": 0.02, "loss_y": 0.11, "loss_xy": 0.05},
+        replace(PLATE, loss=(0.02, 0.11, 0.05)), Damping(0.02), Chain(),
+    ),
+    "frequency_dependent_loss": ({}, {"exponent": 0.6}, PLATE, Damping(0.06, exponent=0.6), Chain()),
+    "roving_mass": ({}, {"mass": 0.03}, PLATE, Damping(0.06), Chain(sensor_mass=0.03)),
     "sensor_position": (
         {"response": [2 / 3, 0.25]}, {"dx": 0.02, "dy": -0.03}, PLATE, Damping(0.06), Chain(offset={1: (0.02, -0.03)}),
     ),

@@ -41,6 +41,9 @@ TABLE = (
     Twins("support_spring", "ground_dashpot", "A further wire is a dashpot at its place if its spring is too soft."),
     Twins("support_asymmetry", "ground_spring", "A tighter wire is that wire and a spring to the ground beside it."),
     Twins("channel_swap", "channel_polarity", "Channels at places of mirror symmetry differ in sign alone."),
+    Twins("frequency_dependent_loss", "viscous_damping", "β fⁿ is β and sb over a band; its modulus parts them."),
+    Twins("frequency_dependent_loss", "hysteretic_damping", "A falling loss is that of M over a narrow band."),
+    Twins("roving_mass", "point_mass", "For a single response it is a mass at that response."),
     Twins("stiffness_loss", "thickness_taper", "A large weak patch at one side leans as a taper does."),
 )  # fmt: skip
 
@@ -74,6 +77,8 @@ def _holds(name: str, other: str, p: dict[str, float], case: dict[str, Any]) -> 
         # One wire, and tighter: a spring is never negative.
         changed = [value for value in p.values() if value != 1.0] if name == "support_asymmetry" else []
         return len(changed) == 1 and changed[0] > 1
+    if {name, other} == {"roving_mass", "point_mass"}:
+        return name == "roving_mass" and len(case["response"]) == 1
     if {name, other} == {"channel_swap", "channel_polarity"}:
         return name == "channel_swap" and case["n_frf"] <= 12
     if {name, other} == {"stiffness_loss", "thickness_taper"}:

@@ -29,7 +29,7 @@ def solve_by_hand(model: PlateModel, frequency: torch.Tensor, response: list, re
     """Receptance from the model's matrices, in NumPy, with Z(s) written out term by term."""
     system = model.system(torch.zeros(0, dtype=torch.float64))
     mass, stiffness = system.mass.numpy(), system.stiffness.numpy()
-    beta, eta, a, b = (float(part) for part in system.proportional)
+    beta, eta, a, b = (float(part) for part in system.proportional[:4])
     viscous = sum(float(c) * np.outer(row, row) for c, row in zip(system.viscous, system.dashpot.numpy(), strict=True))
     hysteretic = 0 if system.hysteretic is None else system.hysteretic.numpy()
     left, right = (

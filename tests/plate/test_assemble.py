@@ -322,10 +322,11 @@ def test_damping_of_several_effects_adds_up() -> None:
     damping = [
         Proportional(stiffness_loss_factor=number(0.01), mass_loss_factor=number(2.0)),
         Proportional(stiffness_loss_factor=number(0.02), mass_coefficient=number(3.0)),
-        Proportional(stiffness_coefficient=number(1e-5)),
+        Proportional(stiffness_coefficient=number(1e-5), loss_exponent=number(0.2)),
+        Proportional(loss_exponent=number(0.3)),
     ]
     found = Assembly(mesh).system(uniform_section(), geometry_of(mesh), [], damping).proportional
-    assert [float(part) for part in found] == pytest.approx([0.03, 2.0, 3.0, 1e-5], rel=1e-15)
+    assert [float(part) for part in found] == pytest.approx([0.03, 2.0, 3.0, 1e-5, 0.5], rel=1e-15)
 
 
 def test_without_matrices_of_all_dofs_at_hand_the_answer_is_the_same() -> None:

@@ -9,8 +9,10 @@ from torch.nn.functional import pad
 
 from torchplate.model import PlateModel
 from torchplate.model.frf import modal_denominator
-from torchplate.model.modes import solve_modes
-from torchplate.plate import Plan, System
+from torchplate.model.gradient import modal_impedance
+from torchplate.model.impedance import own_damping
+from torchplate.model.modes import Modes, solve_modes
+from torchplate.plate import Plan
 
 # Modes up to this multiple of the band's end are followed where the plate changes: higher ones answer as a spring does.
 REACH = 1.6
@@ -53,7 +55,7 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
         denominator = denominator + laplace[:, None] * own
     if system.hysteretic is not None:
         denominator = denominator + 1j * (shape * (system.hysteretic @ shape)).sum(0)
-    own = damped_at_resonance(system, eigenvalue, shape)
+    own = own_damping(modal_impedance(system, Modes(eigenvalue, shape), laplace))
     if model.damping_factor is not None:
         n = min(len(model.damping_factor), len(own))
         excess = pad((model.damping_factor[:n] - 1) * own[:n], (0, len(own) - n))
@@ -65,15 +67,6 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
     n_low = int((eigenvalue < (REACH * float(laplace.imag.max())) ** 2).sum())
     kappa = kappa[:, None].expand_as(denominator)
     return Modal(eigenvalue, shape, kappa, denominator - plain, denominator, own, left, right, n_low)
-
-
-def damped_at_resonance(system: System, eigenvalue: Tensor, shape: Tensor) -> Float[Tensor, " n_mode"]:
-    """All that damps each mode at its own frequency [rad²/s²]."""
-    omega = eigenvalue.clamp(min=0.0).sqrt()
-    beta, eta, a, b = system.proportional
-    own = beta * omega.square() + eta + a * omega + b * omega**3
-    own = own + omega * (system.viscous[..., None] * (system.dashpot @ shape).square()).sum(-2)
-    return own if system.hysteretic is None else own + (shape * (system.hysteretic @ shape)).sum(0)
 
 
 def sum_of_modes(modal: Modal, left: Tensor, right: Tensor, weight: Tensor | None = None) -> Tensor:

@@ -4,14 +4,17 @@
 one effect. A new effect is a new file and one more import below.
 """
 
+from torchplate.effects.air_loading import AirLoading
 from torchplate.effects.aspect_ratio import AspectRatio
 from torchplate.effects.channel_polarity import ChannelPolarity
 from torchplate.effects.channel_swap import ChannelSwap
 from torchplate.effects.damping_patch import DampingPatch
 from torchplate.effects.density import Density
+from torchplate.effects.directional_damping import DirectionalDamping
 from torchplate.effects.edge_spring import EdgeSpring
 from torchplate.effects.effect import CATALOGUE, Channel, Check, Effect, SensorChain, find_effect, options
 from torchplate.effects.exponential_window import ExponentialWindow
+from torchplate.effects.frequency_dependent_loss import FrequencyDependentLoss
 from torchplate.effects.ground_dashpot import GroundDashpot
 from torchplate.effects.ground_spring import GroundSpring
 from torchplate.effects.hysteretic_damping import HystereticDamping
@@ -21,6 +24,7 @@ from torchplate.effects.parameter import Interval, Parameter, Prior
 from torchplate.effects.plate import Plate
 from torchplate.effects.point_mass import PointMass
 from torchplate.effects.poisson_ratio import PoissonRatio
+from torchplate.effects.roving_mass import RovingMass
 from torchplate.effects.sensor_gain import SensorGain
 from torchplate.effects.sensor_position import SensorPosition
 from torchplate.effects.stiffness_loss import StiffnessLoss
@@ -33,6 +37,7 @@ from torchplate.effects.viscous_damping import ViscousDamping
 
 __all__ = [
     "CATALOGUE",
+    "AirLoading",
     "AspectRatio",
     "Channel",
     "ChannelPolarity",
@@ -40,9 +45,11 @@ __all__ = [
     "Check",
     "DampingPatch",
     "Density",
+    "DirectionalDamping",
     "EdgeSpring",
     "Effect",
     "ExponentialWindow",
+    "FrequencyDependentLoss",
     "GroundDashpot",
     "GroundSpring",
     "HystereticDamping",
@@ -54,6 +61,7 @@ __all__ = [
     "PointMass",
     "PoissonRatio",
     "Prior",
+    "RovingMass",
     "SensorChain",
     "SensorGain",
     "SensorPosition",

@@ -1,9 +1,9 @@
 """What an effect is, and the catalogue of them.
 
-An effect is declared like a table, data first, then one formula. It has seven possible words: `discretise`, `geometry`,
-`section`, `local`, `attached`, `proportional` and `observe`. It never builds a whole matrix, so the same effect serves
-the dense population, the fine mesh and the reduced basis. A class body that inherits from Effect enters the catalogue
-by itself.
+An effect is declared like a table, data first, then one formula. It has eight possible words: `discretise`, `geometry`,
+`section`, `local`, `attached`, `added_mass`, `proportional` and `observe`. It never builds a whole matrix, so the same
+effect serves the dense population, the fine mesh and the reduced basis. A class body that inherits from Effect enters
+the catalogue by itself.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ from torch import Tensor
 
 from torchplate.effects.parameter import Parameter
 from torchplate.nearest import did_you_mean
-from torchplate.plate import Geometry, Local, Mesh, Proportional, Section
+from torchplate.plate import AddedMass, Geometry, Local, Mesh, Proportional, Section
 
 Value = Mapping[str, Tensor]
 Point = int | Sequence[float]
@@ -32,7 +32,8 @@ NEAR = 0.25
 class SensorChain(NamedTuple):
     """How motion becomes a reading: where the responses sit, at which s the record is transformed, what it is times.
 
-    The reading is factor(s) · H(s), evaluated at s = iω where nothing disturbs it.
+    The reading is factor(s) · H(s), evaluated at s = iω where nothing disturbs it. A sensor that weighs something loads
+    its own records: H is then that of the plate with the mass at this response, and at no other.
     """
 
     laplace: Complex[Tensor, "*batch n_frequency"]  # s [1/s]
@@ -42,6 +43,8 @@ class SensorChain(NamedTuple):
     reference_label: Float[Tensor, "n_reference 2"] | None  # likewise; None where the base moves
     # Which FRF, counted along the references first, is read under each label; None for its own.
     reading: Int[Tensor, "n_response n_reference"] | None = None
+    # What moves with the plate at each record's own response [kg]; None where nothing does.
+    mass: Float[Tensor, "*batch n_response"] | None = None
 
     def at_response(self, mesh: Mesh, point: Point) -> Bool[Tensor, " n_response"]:
         """Which responses carry the label of a node or place; none if it is not among them."""
@@ -151,6 +154,10 @@ class Effect(ABC):
         """The terms of the effects before it, with its own; or changed, if it changes what is attached already."""
         own = self.local(mesh, value)
         return terms if own is None else [*terms, own]
+
+    def added_mass(self, mesh: Mesh, geometry: Geometry, value: Value) -> AddedMass | None:
+        """Mass that this effect spreads over the whole plate, and that couples the motion of its parts."""
+        return None
 
     def proportional(self, value: Value) -> Proportional | None:
         """Damping in proportion to the whole model that this effect adds."""

@@ -3,6 +3,7 @@
 The eigensolver is ARPACK by shift-invert, the direct solves are SuperLU, both through scipy.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +17,7 @@ from torch import Tensor
 
 from torchplate.model.modes import Modes
 from torchplate.model.plate_model import PlateModel
+from torchplate.plate import AddedMass
 
 # Beyond so many dofs the full model is never solved densely: modes by sparse shift-invert, checks by sparse solves.
 DENSE = 1000
@@ -53,6 +55,7 @@ class SparseModel:
             scale = more.scale(self.plan.section.rigidity, self.plan.geometry)
             self.correction = more.rows.cpu().numpy(), (scale * more.stiffness.to(scale)).cpu().numpy()
         self._terms = self._local_terms()
+        self._spread = [_Spread(model, one) for one in self.plan.added]
 
     def _local_terms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Of the local terms: rows r, as the sparse matrices have them; r S; stiffness, mass and dashpots.
@@ -72,12 +75,13 @@ class SparseModel:
         return row.numpy(), shape.numpy(), torch.stack(parts).double().numpy()
 
     def lacking(self, columns: np.ndarray) -> list[np.ndarray | float]:
-        """What the sparse K, M and C lack of a corrected model's, times columns."""
+        """What the sparse K, M and C lack, times columns: a correction, and masses that are spread over the plate."""
+        spread: np.ndarray | float = sum((one.times(columns) for one in self._spread), 0.0)
         if self.correction is None:
-            return [0.0, 0.0, 0.0]
+            return [0.0, spread, 0.0]
         rows, middle = self.correction
         seen = rows @ columns
-        found: list[np.ndarray | float] = [rows.T @ (middle @ seen), 0.0, 0.0]
+        found: list[np.ndarray | float] = [rows.T @ (middle @ seen), spread, 0.0]
         if self._terms is None:
             return found
         row, shape, parts = self._terms
@@ -115,15 +119,18 @@ class SparseModel:
             if self.correction is not None:
                 rows, middle = self.correction
                 stiffness = stiffness + rows.T @ middle @ rows
-            value, shape = scipy.linalg.eigh(stiffness, self.mass.toarray())
+            value, shape = scipy.linalg.eigh(stiffness, self._times_mass(np.eye(n)))
         else:
+            mass: Any = self.mass
+            if self._spread:
+                mass = scipy.sparse.linalg.LinearOperator((n, n), matvec=self._times_mass, dtype=np.float64)
             count = max(n_mode + 2, 20, self._most_modes(frequency) + SPARE)
             while True:
                 count = min(count, n - 2)
                 inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=self.solve, dtype=np.float64)
                 start = np.random.default_rng(0).standard_normal(n)
                 value, shape = scipy.sparse.linalg.eigsh(
-                    self.stiffness, count, self.mass, sigma=-SHIFT, OPinv=inverse, v0=start, tol=1e-10,
+                    self.stiffness, count, mass, sigma=-SHIFT, OPinv=inverse, v0=start, tol=1e-10,
                     ncv=min(n, 3 * count // 2),
                 )  # fmt: skip
                 order = value.argsort()
@@ -152,12 +159,16 @@ class SparseModel:
         """What static forces move beyond the given modes: (K + shift M)⁻¹ f, made M-orthogonal to the modes."""
         modes = shape.double().cpu().numpy()
         moved = self.solve(forces.double().cpu().numpy().T.copy())
-        moved = moved - modes @ (modes.T @ (self.mass @ moved))
+        moved = moved - modes @ (modes.T @ self._times_mass(moved))
         return torch.from_numpy(moved).to(shape)
 
     def times_mass(self, columns: Float[Tensor, "n n_column"]) -> Float[Tensor, "n n_column"]:
         """M times columns."""
-        return torch.from_numpy(self.mass @ columns.double().cpu().numpy()).to(columns)
+        return torch.from_numpy(self._times_mass(columns.double().cpu().numpy())).to(columns)
+
+    def _times_mass(self, columns: np.ndarray) -> np.ndarray:
+        found: np.ndarray = self.mass @ columns + sum(one.times(columns) for one in self._spread)
+        return found
 
     def frf(self, frequency: Float[Tensor, " n_frequency"]) -> Complex[Tensor, "n_frequency n_response n_reference"]:
         """The model's FRFs by one sparse solve of the dynamic stiffness at each line."""
@@ -186,9 +197,34 @@ class SparseModel:
         """(K + shift M)⁻¹ times columns; the factors are kept."""
         if self._factor is None:
             # Positive definite: no pivot is needed.
-            factor = scipy.sparse.linalg.splu((self.stiffness + SHIFT * self.mass).tocsc(), **SYMMETRIC)
-            self._factor = _with_low_rank(factor.solve, self.correction)
+            whole = self._beside(self.stiffness + SHIFT * self.mass, SHIFT)
+            factor = scipy.sparse.linalg.splu(whole.tocsc(), **SYMMETRIC)
+            self._factor = _with_low_rank(self._of_plate(factor.solve, whole.shape[0]), self.correction)
         return self._factor(right)
+
+    def _beside(self, matrix: scipy.sparse.csr_array, weight: float | complex) -> scipy.sparse.csr_array:
+        """A matrix of the plate, bordered by what is spread over it.
+
+        Z + w c Rᵀ C R is what is left of [[Z, Rᵀ], [R, −(w c C)⁻¹]] where the lower unknowns are eliminated: so the
+        sparse part stays as it is.
+        """
+        some = [one for one in self._spread if weight * one.coefficient]
+        if not some:
+            return matrix
+        rows: Any = scipy.sparse.vstack([one.rows for one in some])
+        own: Any = scipy.sparse.block_diag([-one.inverse / (weight * one.coefficient) for one in some])
+        return scipy.sparse.block_array([[matrix, rows.T], [rows, own]], format="csr")
+
+    def _of_plate(self, solve: Callable[[np.ndarray], np.ndarray], size: int) -> Callable[[np.ndarray], np.ndarray]:
+        """A solve with a bordered matrix of some size as one over the plate's dofs."""
+        n = self.stiffness.shape[0]
+        if size == n:
+            return solve
+
+        def of_plate(right: np.ndarray) -> np.ndarray:
+            return solve(np.concatenate([right, np.zeros((size - n, *right.shape[1:]), right.dtype)]))[:n]
+
+        return of_plate
 
     def _receptance(self, laplace: Tensor, response: Tensor, reference: Tensor) -> Tensor:
         left, right = (rows.double().cpu().numpy() for rows in (response, reference))
@@ -196,9 +232,30 @@ class SparseModel:
         lines = []
         for line in weight.T:
             impedance = sum(w * part for part, w in zip(parts, line, strict=True))
-            solve = _with_low_rank(_solver(impedance.tocsc()), self._low_rank(line))
+            whole = self._beside(impedance, line[1])
+            solve = _with_low_rank(self._of_plate(_solver(whole.tocsc()), whole.shape[0]), self._low_rank(line))
             lines.append(left @ solve(right.T.astype(complex)))
         return torch.from_numpy(np.stack(lines)).to(laplace)
+
+
+class _Spread:
+    """A mass that is spread over the plate, of one member."""
+
+    def __init__(self, model: PlateModel, added: AddedMass) -> None:
+        self.rows = scipy.sparse.csr_array(added.rows[..., model.assembly.free.cpu()].double().cpu().numpy())
+        self.coupling = added.coupling.double().cpu().numpy()
+        self.coefficient = float(added.coefficient)
+
+    @functools.cached_property
+    def inverse(self) -> np.ndarray:
+        """C⁻¹."""
+        found: np.ndarray = np.linalg.inv(self.coupling)
+        return found
+
+    def times(self, columns: np.ndarray) -> np.ndarray:
+        """C Rᵀ C R times columns."""
+        found: np.ndarray = self.coefficient * (self.rows.T @ (self.coupling @ (self.rows @ columns)))
+        return found
 
 
 def _with_low_rank(

@@ -9,7 +9,7 @@ d + s Uᵀ C U; they are attached one after the other, exactly: see `modal_sum`.
 for a record windowed by exp(−σt).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from jaxtyping import Complex, Float
@@ -29,6 +29,8 @@ IN_CACHE = 4 * 2**20
 LOWEST = 1e-9
 # Dofs up to which batches of complex matrices are seen to be right with any number of threads.
 SOLVED_TOGETHER = 100
+# Responses with a mass that go together: of the receptances among them the driving points alone are wanted.
+RESPONSES_AT_ONCE = 8
 
 
 def modal_denominator(
@@ -40,12 +42,9 @@ def modal_denominator(
 
     Real arithmetic throughout: complex division costs several times as much, and this is the largest array of all.
     """
-    beta, eta, a, b = (value[..., None, None] if isinstance(value, Tensor) else value for value in proportional)
-    decay, omega = laplace.real[..., None], laplace.imag[..., None]
+    kappa, mu = (part[..., None] for part in proportional.at(laplace))
     square = eigenvalue[..., None, :]
-    real = square * (1 + b * decay) + (a * decay + decay**2 - omega**2)
-    imaginary = square * (beta + b * omega) + (eta + a * omega + 2 * decay * omega)
-    real, imaginary = torch.broadcast_tensors(real, imaginary)
+    real, imaginary = torch.broadcast_tensors(square * kappa.real + mu.real, square * kappa.imag + mu.imag)
     return real, imaginary
 
 
@@ -110,11 +109,10 @@ def direct_receptance(
     reference: Float[Tensor, "*#batch n_reference n"],
 ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
     """Receptance [m/N] by solving Z(s) at every line, with no mode at all: slow, and the referee of `receptance`."""
-    beta, eta, a, b = (value[..., None, None] if isinstance(value, Tensor) else value for value in system.proportional)
-    columns = []
-    for line in laplace.unbind(-1):
-        s = line[..., None, None]
-        impedance = system.stiffness * (1 + 1j * beta + s * b) + system.mass * (1j * eta + s * a + s**2)
+    columns, (kappa, mu) = [], system.proportional.at(laplace)
+    for index in range(laplace.shape[-1]):
+        s, k, m = (part[..., min(index, part.shape[-1] - 1), None, None] for part in (laplace, kappa, mu))
+        impedance = system.stiffness * k + system.mass * m
         weighted = system.viscous[..., None] * system.dashpot
         impedance = impedance + s * (system.dashpot.mT @ weighted)
         if system.hysteretic is not None:
@@ -170,6 +168,40 @@ def as_kind(
         return chain.factor * (1 - s**2 * value)
     # The value first: where its lines lie side by side in memory, they still do afterwards.
     return value * (chain.factor * s ** DERIVATIVE[kind]).to(value.dtype)
+
+
+def with_sensor_mass(
+    solve: Callable[[Tensor, Tensor, Tensor], Tensor],
+    chain: SensorChain,
+    left: Float[Tensor, "*#batch n_response n"],
+    right: Float[Tensor, "*#batch n_reference n"],
+    with_base: bool,
+) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
+    """Receptances of a plate that carries the sensor's mass m at the response of each record, and nowhere else.
+
+    Exact from those without it (Sherman and Morrison, 1950): H'_rj = H_rj / (1 + s² m H_rr).
+
+    Args:
+        solve: from s, response rows and reference rows to receptances without the mass.
+        chain: with the masses.
+        left: response rows.
+        right: reference rows.
+        with_base: whether the base moves instead of a force: its motion then loads the mass, too.
+    """
+    assert chain.mass is not None
+    square = (chain.laplace**2)[..., None, None]
+    parts = []
+    for rows, mass in zip(
+        left.split(RESPONSES_AT_ONCE, dim=-2), chain.mass.split(RESPONSES_AT_ONCE, dim=-1), strict=True
+    ):
+        n_response, n_reference = rows.shape[-2], right.shape[-2]
+        both = solve(chain.laplace, rows, stack_rows(right, rows))
+        found, among = both.split([n_reference, n_response], dim=-1)
+        driving = among.diagonal(dim1=-2, dim2=-1)[..., None]
+        inertia = mass[..., None, :, None]
+        pushed = found + inertia * driving if with_base else found
+        parts.append((pushed / (1 + square * inertia * driving)).to(found.dtype))
+    return joined(parts, -2)
 
 
 def lines_at_once(memory: int, n_member: int, left: Tensor, right: Tensor, system: System) -> int:
@@ -234,9 +266,10 @@ def _is_diagonal(hysteretic: Tensor) -> bool:
 
 def _has_complex_modes(proportional: Proportional, *matrices: Tensor) -> bool:
     """Whether the same complex modes serve all lines: K is times one number at all of them."""
-    if torch.is_grad_enabled() or is_vmapped(proportional.stiffness_coefficient, *matrices):
+    varying = proportional.stiffness_coefficient, proportional.loss_exponent
+    if torch.is_grad_enabled() or is_vmapped(*varying, *matrices):
         return False
-    return not bool(torch.as_tensor(proportional.stiffness_coefficient).any())
+    return not any(bool(torch.as_tensor(part).any()) for part in varying)
 
 
 def _by_uncoupled_modes(

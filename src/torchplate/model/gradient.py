@@ -43,14 +43,17 @@ def modal_impedance(system: System, modes: Modes, laplace: Complex[Tensor, "*#ba
     """
     eigenvalue, shape = modes
     hysteretic = None if system.hysteretic is None else shape.mT @ system.hysteretic @ shape
+    exponent, dispersion = system.proportional.loss_exponent, system.proportional.dispersion(laplace)
     return Impedance(
         _ModalForm.apply(system.stiffness, shape, eigenvalue),
         _ModalForm.apply(system.mass, shape, torch.ones_like(eigenvalue)),
         system.dashpot @ shape,
         system.viscous,
-        *(torch.as_tensor(part).to(eigenvalue) for part in system.proportional),  # type: ignore[call-arg]  # four
+        *(torch.as_tensor(part).to(eigenvalue) for part in system.proportional[:4]),  # type: ignore[call-arg]  # four
         hysteretic,
         laplace,
+        None if dispersion is None else torch.as_tensor(exponent).to(eigenvalue),
+        dispersion,
     )
 
 
@@ -214,7 +217,7 @@ class _Receptance(Function):
         _refuse_nested_forward_mode()
         left, right, *inputs = ctx.saved_tensors
         rows = stack_rows(left, right)
-        both = _Solve.apply(torch.eye(rows.shape[-2]).to(inputs[-1])[None], rows, *inputs)
+        both = _Solve.apply(torch.eye(rows.shape[-2]).to(Impedance(*inputs).laplace)[None], rows, *inputs)
         moved_left, moved = both.split([left.shape[-2], right.shape[-2]], dim=-2)
         total = -moved_left @ change_times(Impedance(*inputs), tangents, moved).mT
         if of_left is not None:

@@ -11,12 +11,14 @@ from torch import Tensor
 
 from torchplate.model.frf import modal_denominator, modal_receptance, solve_each, stack_rows
 from torchplate.plate import Proportional
+from torchplate.plate.power_law import LOWEST, REFERENCE
 
 
 class Impedance(NamedTuple):
-    """Z(s) = A (1 + iβ + sb) + B (iη + sa + s²) + s Uᵀ c U + iH in modal coordinates.
+    """Z(s) = A (1 + iβ + δ + sb) + B (iη + sa + s²) + s Uᵀ c U + iH in modal coordinates.
 
     The functions below read only the diagonals of A and B, the rest being zero, and give the gradient of every entry.
+    That of the exponent n, and what β and s do in δ, goes through δ = β (power law of n − i): n alone gets none.
     """
 
     stiffness: Float[Tensor, "*#batch n n"]  # A = ΦᵀKΦ [rad²/s²]
@@ -29,6 +31,8 @@ class Impedance(NamedTuple):
     stiffness_coefficient: Float[Tensor, "*#batch"]  # b [s]
     hysteretic: Float[Tensor, "*#batch n n"] | None  # H = ΦᵀHΦ [rad²/s²]
     laplace: Complex[Tensor, "*#batch n_frequency"]  # s [1/s]
+    loss_exponent: Float[Tensor, "*#batch"] | None = None  # n [-]
+    dispersion: Complex[Tensor, "*#batch n_frequency"] | None = None  # δ [-]; None without an exponent
 
     @property
     def eigenvalue(self) -> Float[Tensor, "*batch n"]:
@@ -38,21 +42,34 @@ class Impedance(NamedTuple):
     @property
     def proportional(self) -> Proportional:
         """Damping in proportion to K and M."""
-        return Proportional(*self[4:8])
+        return Proportional(*self[4:8], loss_exponent=0.0 if self.loss_exponent is None else self.loss_exponent)
+
+    def on(self, lines: Complex[Tensor, "*#batch n_some"]) -> "Impedance":
+        """The same at other lines."""
+        return self._replace(laplace=lines, dispersion=self.proportional.dispersion(lines))
+
+
+def own_damping(z: Impedance) -> Float[Tensor, "*batch n"]:
+    """All that damps each mode at its own frequency [rad²/s²]: β(ω) ω² + η + a ω + b ω³ + ω Σ c u² + H_rr."""
+    square = z.eigenvalue.clamp(min=0.0)
+    omega = square.sqrt()
+    beta, eta, a, b = (part[..., None] for part in z[4:8])
+    if z.loss_exponent is not None:
+        # Rigid-body motion has no frequency, and no loss.
+        beta = (
+            beta * (omega.clamp(min=2 * torch.pi * LOWEST) / (2 * torch.pi * REFERENCE)) ** z.loss_exponent[..., None]
+        )
+    own = beta * square + eta + a * omega + b * omega * square
+    own = own + omega * (z.viscous[..., None] * z.dashpot**2).sum(-2)
+    return own if z.hysteretic is None else own + z.hysteretic.diagonal(dim1=-2, dim2=-1)
 
 
 def scattered(z: Impedance, factor: Float[Tensor, " n_factor"]) -> Impedance:
     """The impedance whose lowest modes have a damping of their own: a hysteretic i (f − 1) d_r is added to each.
 
-    d_r = β ω² + η + a ω + b ω³ + ω Σ c u² + H_rr, all that damps the mode at its own frequency [rad²/s²].
+    d_r is the mode's `own_damping`.
     """
-    square = z.eigenvalue.clamp(min=0.0)
-    omega = square.sqrt()
-    beta, eta, a, b = (part[..., None] for part in z[4:8])
-    own = beta * square + eta + a * omega + b * omega * square
-    own = own + omega * (z.viscous[..., None] * z.dashpot**2).sum(-2)
-    if z.hysteretic is not None:
-        own = own + z.hysteretic.diagonal(dim1=-2, dim2=-1)
+    own = own_damping(z)
     n = min(len(factor), own.shape[-1])
     # Of modes beyond the given ones nothing changes.
     excess = torch.cat([factor[:n] - 1, factor.new_zeros(own.shape[-1] - n)])
@@ -103,8 +120,9 @@ def adjoint_gradient(z: Impedance, adjoint: Tensor, moved: Tensor, needed: Any) 
         if need[name]:
             grad[name] = -contract(adjoint * weight[..., None, None], moved)
     rate = torch.zeros_like(s)
-    if need["stiffness_loss_factor"] or need["stiffness_coefficient"] or need["laplace"]:
+    if need["stiffness_loss_factor"] or need["stiffness_coefficient"] or need["laplace"] or need["dispersion"]:
         work = _work(adjoint, moved, z.stiffness)
+        grad["dispersion"] = -conjugate(work)
         grad["stiffness_loss_factor"] = work.imag.sum(-1)
         grad["stiffness_coefficient"] = -(s * work).real.sum(-1)
         rate = rate - z.stiffness_coefficient[..., None] * work
@@ -147,6 +165,8 @@ def change_times(z: Impedance, tangents: Any, moved: Tensor) -> Tensor:
         weights = [weight * part[..., None] for part, weight in parts if part is not None]
         if change["laplace"] is not None:
             weights.append(rate * change["laplace"])
+        if loss == "stiffness_loss_factor" and change["dispersion"] is not None:
+            weights.append(change["dispersion"])
         if weights:
             total = total + sum(weights)[..., None, None] * times(moved, matrix)
     if z.dashpot.shape[-2] == 0:

@@ -72,6 +72,7 @@ def receptance_gradient(
     s = z.laplace
     grads["stiffness_loss_factor"], grads["stiffness_coefficient"] = strain.imag.sum(-1), -(s * strain).real.sum(-1)
     grads["mass_loss_factor"], grads["mass_coefficient"] = inertia.imag.sum(-1), -(s * inertia).real.sum(-1)
+    grads["dispersion"] = -conjugate(strain)
     grads["viscous"] = -(s[..., None, :] * motion).real.sum(-1)
     if need["laplace"]:
         rate = z.stiffness_coefficient[..., None] * strain + (z.mass_coefficient[..., None] + 2 * s) * inertia
@@ -131,7 +132,7 @@ def _block(
         if stretch.series is not None:
             slope = of_modes(near, slow, stretch.slopes(z.eigenvalue))
     inertia, strain = torch.zeros_like(pole), torch.zeros_like(pole)
-    if any(need[name] for name in (*Impedance._fields[4:8], "laplace")):
+    if any(need[name] for name in (*Impedance._fields[4:8], "laplace", "dispersion")):
         inertia = stretch.slope(feature, times_complex(stretch.sloped(counted).mT, flat), pole) * flexibility
         strain = (value * alone).sum((0, 1)) * flexibility + pole * inertia
     motion = (-motion * flexibility.square()).movedim(0, -2)

@@ -47,7 +47,7 @@ def modal_solution(
             impedance = impedance._replace(hysteretic=torch.diag_embed(own_loss))
         rows = [row @ modes.shape for row in (left, right)]
         parts = [
-            differentiable_receptance(impedance._replace(laplace=lines), rows[0], rows[1])
+            differentiable_receptance(impedance.on(lines), rows[0], rows[1])
             for lines in s.split(at_once(left, right, system), dim=-1)
         ]
         return joined(parts, -3)

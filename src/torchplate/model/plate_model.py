@@ -29,6 +29,7 @@ from torchplate.model.frf import (
     laplace_lines,
     lines_at_once,
     sensor_chain,
+    with_sensor_mass,
 )
 from torchplate.model.modal_solution import modal_solution
 from torchplate.model.modal_sum import MEMBERS_AT_ONCE
@@ -134,6 +135,7 @@ class PlateModel(nn.Module):
         for label, effect in self.effects.items():
             try:
                 terms = effect.attached(self.mesh, terms, value[label])
+                effect.added_mass(self.mesh, geometry, value[label])
                 chain = effect.observe(self.mesh, chain, value[label], geometry)
             except ValueError as error:
                 raise ValueError(f"{label}: {error}") from None
@@ -323,7 +325,8 @@ class PlateModel(nn.Module):
         for effect, own in pairs:
             terms = effect.attached(self.mesh, terms, own)
         damping = [part for effect, own in pairs if (part := effect.proportional(own)) is not None]
-        return Plan(section, geometry, list(terms), damping)
+        added = [one for effect, own in pairs if (one := effect.added_mass(self.mesh, geometry, own)) is not None]
+        return Plan(section, geometry, list(terms), damping, added)
 
     def system(self, theta: Float[Tensor, "*batch n_parameter"]) -> System:
         """Mass, stiffness and damping; what no searched parameter touches has no batch dimension."""
@@ -514,8 +517,10 @@ class PlateModel(nn.Module):
         """Receptances as the sensor chain reports them."""
         response, reference, kind = points
         chain = self._chain(theta, plan, laplace, response, reference)
-        left = self.assembly.rows(self.mesh.deflection_at(chain.response))
-        return as_kind(solve(chain.laplace, left, self.excitation(plan, reference)), chain, kind)
+        left, right = self.assembly.rows(self.mesh.deflection_at(chain.response)), self.excitation(plan, reference)
+        if chain.mass is not None:
+            return as_kind(with_sensor_mass(solve, chain, left, right, reference is None), chain, kind)
+        return as_kind(solve(chain.laplace, left, right), chain, kind)
 
     def _chain(
         self, theta: Tensor, plan: Plan, laplace: Tensor, response: Tensor, reference: Tensor | None
@@ -549,6 +554,10 @@ class PlateModel(nn.Module):
             if term.mass is not None:
                 # A deflection row times the rigid translation is one.
                 load = load + (term.mass[..., None] * self.assembly.rows(term.vector)).sum(-2)
+        for one in plan.added:
+            # Where all places move alike, each counts once.
+            pushed = self.assembly.spread_rows(one).mT @ one.coupling.to(load).sum(-1)
+            load = load + one.coefficient[..., None] * pushed
         return load[..., None, :]
 
     def _chunks(self, theta: Tensor) -> Iterator[Tensor]:

@@ -74,7 +74,7 @@ class SharedModes(nn.Module):
     Args:
         eigenvalue: λ of (K₀, M₀) in the assembly's basis, whose vectors are the modes, lowest first [rad²/s²].
         nominal: what K₀ and M₀ were assembled from.
-        ends: least and greatest m/e and the same of the four kinds of damping in the box, which tell where z may be.
+        ends: least and greatest m/e and the same of the kinds of damping in the box, which tell where z may be.
     """
 
     eigenvalue: Tensor
@@ -84,7 +84,7 @@ class SharedModes(nn.Module):
     lump: Tensor
     ends: Tensor
 
-    def __init__(self, eigenvalue: Float[Tensor, " n"], nominal: Nominal, ends: Float[Tensor, "5 2"]) -> None:
+    def __init__(self, eigenvalue: Float[Tensor, " n"], nominal: Nominal, ends: Float[Tensor, "6 2"]) -> None:
         super().__init__()
         self._stretches: dict[tuple[object, ...] | None, list[Stretch]] = {}
         self.n_term, self.single_error = CLOSE, 0.0
@@ -169,7 +169,8 @@ class SharedModes(nn.Module):
         found = self._stretches.get(key)
         if found is None:
             corner = torch.cartesian_prod(*self.ends).unique(dim=0).mT
-            kappa, mu = Proportional(*corner[1:]).at(laplace)
+            damping = Proportional(*corner[1:])
+            kappa, mu = (damping if corner[-1].any() else damping._replace(loss_exponent=0.0)).at(laplace)
             z = -corner[0, :, None] * mu / kappa
             found = [self._around(block) for block in z.split(at_once, dim=-1)]
             if key is not None:
@@ -229,6 +230,11 @@ def factors(assembly: Assembly, nominal: Plan, members: Plan) -> tuple[Tensor, T
         if bool((error > ALIKE * (factor * one.flatten()[largest]).abs()).any()):
             return None
         found.append(factor[..., 0])
+    for own, others in zip(nominal.added, members.added, strict=True):
+        # What is spread over the plate is in M₀, and must be the same part of each member's mass.
+        apart = others.coefficient - found[1] * own.coefficient
+        if bool((apart.abs() > ALIKE * own.coefficient.abs()).any()):
+            return None
     return found[0], found[1]
 
 
@@ -245,6 +251,8 @@ def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple
         return None
     stiffness = assembly.stiffness(nominal.section.rigidity, nominal.geometry)
     mass = assembly.mass(nominal.section.areal_mass, nominal.geometry)
+    for added in nominal.added:
+        mass = mass + added.coefficient * assembly.added_mass(added)
     spring, lump = [], []
     for one, many in zip(nominal.terms, members.terms, strict=True):
         # A term whose place is searched belongs to no common K₀ and M₀.

@@ -4,12 +4,15 @@
 - `element`: the 12-dof rectangle of the seed paper (Eq. 6–16).
 - `section`: what each element is made of (Section), how long the plate is (Geometry), what is added at a place
   (Local), damping in proportion to the whole model (Proportional), and all of these for one batch (Plan).
+- `added_mass`: of a fluid around the plate, which couples the motion of all its parts (AddedMass).
 - `laminate`: elements that the edges of a patch cut.
 - `assemble`: Section and Local to mass, stiffness and damping, in every dof or in a reduced basis.
 - `material`: what plates are usually made of; `wavelength`: bending waves, and the elements they need.
+- `power_law`: a loss factor that goes with a power of the frequency, and its modulus.
 - `transforms`: what of all this may be remembered, and what belongs to a derivative.
 """
 
+from torchplate.plate.added_mass import AddedMass, dragged
 from torchplate.plate.assemble import Assembly, Correction, Unevenness
 from torchplate.plate.material import MATERIALS, Material, find_material
 from torchplate.plate.mesh import Mesh
@@ -27,6 +30,7 @@ __all__ = [
     "ELEMENTS_PER_WAVELENGTH",
     "MATERIALS",
     "THIN",
+    "AddedMass",
     "Assembly",
     "Correction",
     "Geometry",
@@ -39,6 +43,7 @@ __all__ = [
     "System",
     "Unevenness",
     "bending_wavelength",
+    "dragged",
     "elements_for",
     "find_material",
     "frequency_of_wavelength",

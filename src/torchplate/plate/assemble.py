@@ -15,9 +15,10 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from torch import Tensor, nn
 
 from torchplate.plate import element
+from torchplate.plate.added_mass import AddedMass
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Geometry, Local, Proportional, Section, System
-from torchplate.plate.transforms import REMEMBERED, is_vmapped, stays
+from torchplate.plate.transforms import REMEMBERED, is_vmapped, stays, transformed
 
 # Fixed matrices, of a uniform plate and of projected elements, are kept up to these sizes; beyond they are made anew.
 UNIFORM_BYTES, ELEMENT_BYTES = 256 * 2**20, 512 * 2**20
@@ -110,6 +111,7 @@ class Assembly(nn.Module):
         super().__init__()
         self.mesh = mesh
         self._known_rows: dict[int, tuple[Tensor, Tensor, Tensor]] = {}
+        self._known_added: dict[tuple[int, int], tuple[AddedMass, Tensor | None, Tensor]] = {}
         dof = mesh.element_dof
         pattern, mass_pattern = element.patterns(1 / mesh.cells[0], 1 / mesh.cells[1])
         free = mesh.free_dof
@@ -253,10 +255,34 @@ class Assembly(nn.Module):
         flat = flat.index_add(-1, self.position.flatten(), load.flatten(-2))[..., :-1]
         return flat if self.basis is None else flat @ self.basis
 
+    def added_mass(self, added: AddedMass) -> Float[Tensor, "n n"]:
+        """Rᵀ C R of a mass that is spread over the plate, for a coefficient of 1."""
+        key = id(added.rows), id(added.coupling)
+        known = self._known_added.get(key)
+        if known is not None and known[1] is self.basis and known[2].device == self.pattern.device:
+            return known[2]
+        rows = self.spread_rows(added)
+        found = rows.mT @ (added.coupling.to(rows) @ rows)
+        if not transformed() and not torch.is_inference_mode_enabled():
+            if len(self._known_added) >= REMEMBERED:
+                self._known_added.clear()
+            self._known_added[key] = (added, self.basis, found)
+        return found
+
+    def spread_rows(self, added: AddedMass) -> Float[Tensor, "n_place n"]:
+        """Rows of a mass that is spread over the plate; what a finer mesh would change in them is nothing to it."""
+        rows = added.rows.to(self.pattern)[..., self.free]
+        return rows if self.basis is None else rows @ self.basis
+
     def system(
-        self, section: Section, geometry: Geometry, terms: Sequence[Local], damping: Sequence[Proportional]
+        self,
+        section: Section,
+        geometry: Geometry,
+        terms: Sequence[Local],
+        damping: Sequence[Proportional],
+        added: Sequence[AddedMass] = (),
     ) -> System:
-        """All matrices of the model: the section's, and what the local terms add to them."""
+        """All matrices of the model: the section's, and what local terms and masses that are spread add to them."""
         rigidity = section.rigidity
         stiffness, mass = self.stiffness(rigidity, geometry), self.mass(section.areal_mass, geometry)
         hysteretic = None
@@ -272,6 +298,8 @@ class Assembly(nn.Module):
             if term.viscous is not None:
                 dashpots.append(row)
                 viscous.append(term.viscous)
+        for one in added:
+            mass = mass + one.coefficient[..., None, None] * self.added_mass(one)
         return System(
             mass, stiffness, concatenate(dashpots, 2), concatenate(viscous, 1), hysteretic, self.proportional(damping)
         )

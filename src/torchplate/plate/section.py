@@ -1,10 +1,14 @@
 """What a plate is made of: the few quantities that every effect changes or adds."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
+
+from torchplate.plate.added_mass import AddedMass
+from torchplate.plate.power_law import power_law
 
 
 class Geometry(NamedTuple):
@@ -81,22 +85,27 @@ class Proportional(NamedTuple):
 
     Z(s) = K (1 + iβ + sb) + M (iη + sa + s²) + s C + iH, with β `stiffness_loss_factor` [-], η `mass_loss_factor`
     [1/s²], a `mass_coefficient` [1/s], b `stiffness_coefficient` [s]. Source: seed paper, Eq. 17–18; Rayleigh for a, b.
+    `loss_exponent` n [-] makes iβ a power of the frequency, with its modulus: see `power_law`. Exponents of several
+    effects add, as their powers multiply.
     """
 
     stiffness_loss_factor: Float[Tensor, "*batch"] | float = 0.0
     mass_loss_factor: Float[Tensor, "*batch"] | float = 0.0
     mass_coefficient: Float[Tensor, "*batch"] | float = 0.0
     stiffness_coefficient: Float[Tensor, "*batch"] | float = 0.0
+    loss_exponent: Float[Tensor, "*batch"] | float = 0.0
 
     def at(
         self, laplace: Complex[Tensor, "*#batch n_frequency"]
     ) -> tuple[Complex[Tensor, "*#batch #n_frequency"], Complex[Tensor, "*#batch n_frequency"]]:
-        """What K and M are times at each s: κ = 1 + iβ + sb and μ = iη + sa + s².
+        """What K and M are times at each s: κ = 1 + iβ + sb, iβ a power of s with an exponent, and μ = iη + sa + s².
 
         What no effect brings is the number 0 here and costs nothing: without b, κ is the same at all lines.
         """
-        beta, eta, a, b = (value[..., None] if isinstance(value, Tensor) else value for value in self)
+        beta, eta, a, b = (value[..., None] if isinstance(value, Tensor) else value for value in self[:4])
         kappa, mu = laplace.new_ones(1) + 1j * beta, laplace**2
+        if (dispersion := self.dispersion(laplace)) is not None:
+            kappa = kappa + dispersion
         if isinstance(b, Tensor) or b:
             kappa = kappa + laplace * b
         if isinstance(a, Tensor) or a:
@@ -104,6 +113,16 @@ class Proportional(NamedTuple):
         if isinstance(eta, Tensor) or eta:
             mu = mu + 1j * eta
         return kappa, mu
+
+    def dispersion(
+        self, laplace: Complex[Tensor, "*#batch n_frequency"]
+    ) -> Complex[Tensor, "*#batch n_frequency"] | None:
+        """What the exponent adds to κ; None without one."""
+        exponent, beta = self.loss_exponent, self.stiffness_loss_factor
+        if not isinstance(exponent, Tensor) and not exponent:
+            return None
+        beta = beta[..., None] if isinstance(beta, Tensor) else beta
+        return beta * (power_law(exponent, laplace) - 1j)
 
 
 class Plan(NamedTuple):
@@ -113,6 +132,7 @@ class Plan(NamedTuple):
     geometry: Geometry
     terms: list[Local]
     damping: list[Proportional]
+    added: Sequence[AddedMass] = ()
 
 
 class System(NamedTuple):
