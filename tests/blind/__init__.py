@@ -5,7 +5,7 @@ scores it. `--stratum workshop` and `--stratum tables` draw 200 others: FRFs of 
 and natural frequencies alone.
 
 Map:
-    strata: clean, workshop, tables: how each is drawn
+    strata: clean, workshop, tables, shapes: how each is drawn
     splines: B-splines on 0 to 1 and their one-dimensional integrals
     ritz: the truth: Kirchhoff plates by an isogeometric Ritz method, their modes
     air: the added mass of the air, by equal panels
@@ -22,6 +22,7 @@ Map:
     workshop: the suite with all nuisances
     tables: the suite of natural frequencies
     real: the suite of what measured plates carry
+    shapes: the suite of holes, ribs, turned grain and masses on springs
     twins: which names count as right
     place: what is right of places, sizes and moduli
     score: verdicts and tables

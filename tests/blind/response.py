@@ -181,6 +181,9 @@ def receptance(
         at = at + springs[:, :2].tolist()
         dynamic = np.concatenate([dynamic, (kappa * (1 - modulus))[:, None] * springs[:, 2]], axis=1)
         kappa = kappa * modulus
+    if getattr(plate, "absorbers", ()):
+        where, forces = plate.forces(s)
+        at, dynamic = at + where, np.concatenate([dynamic, forces], axis=1)
     mu = 1j * damping.eta + s * damping.a + s**2
     left = found.deflection([*at, *response])
     right = found.deflection([*at, *reference])

@@ -187,7 +187,10 @@ def _solve(plate: RitzPlate, n_span: int) -> Modes:
 
 
 def matrices_of(plate: RitzPlate, n_span: int = N_SPAN) -> "Matrices | SpectralMatrices":
-    """Mass and stiffness by the discretisation that the plate asks for."""
+    """Mass and stiffness by the discretisation that the plate asks for; one with a shape of its own brings them."""
+    own = getattr(plate, "own_matrices", None)
+    if own is not None:
+        return own(n_span)
     if plate.by == "ritz":
         return matrices(plate, n_span)
     from blind.spectral import matrices as spectral

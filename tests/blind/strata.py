@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from blind import cases, real, tables, workshop
+from blind import cases, real, shapes, tables, workshop
 from blind.cases import Case, Slot
 
 
@@ -26,6 +26,7 @@ STRATA = {
     "workshop": Stratum(workshop.suite, workshop.draw),
     "tables": Stratum(tables.suite, tables.draw),
     "real": Stratum(real.suite, real.draw),
+    "shapes": Stratum(shapes.suite, shapes.draw),
 }
 # Those without nuisances.
 PERFECT = ("clean", "real")

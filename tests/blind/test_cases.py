@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from blind import real
+from blind import real, shapes
 from blind.cases import NOISE, draw, effects_of_suite, suite
+from blind.strata import STRATA
 from torchplate.cli.build import load_run
 from torchplate.effects import CATALOGUE
 
@@ -20,9 +21,16 @@ def test_the_suite_holds_what_it_says():
     kinds = Counter(slot.kind for slot in suite())
     assert kinds == {"none": 24, "beyond": 16, "two": 24, "one": 96}
     alone = Counter(slot.names[0] for slot in suite() if slot.kind == "one")
-    assert set(alone) | set(real.ALONE) == set(CATALOGUE) - {"plate"}
+    # A field of thickness is no candidate where the section may wander.
+    assert set(alone) | set(real.ALONE) | set(shapes.NAMES) == set(CATALOGUE) - {"plate", "thickness_field"}
     assert min(alone.values()) >= 4
     assert min(Counter(effects_of_suite()).values()) >= 5
+
+
+def test_every_effect_of_the_catalogue_is_hidden_alone_in_some_stratum():
+    every = {name for one in STRATA.values() for slot in one.suite() if slot.kind == "one" for name in slot.names}
+    # Nobody asks for the name of a thickness that wanders: every test has it.
+    assert set(CATALOGUE) - every <= {"plate", "thickness_field"}
 
 
 def test_a_case_is_the_same_whenever_it_is_drawn():

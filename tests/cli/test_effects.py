@@ -30,6 +30,8 @@ BASE: dict[str, Any] = {
         },
         "wires": {"effect": "support_spring", "at": [[0.21, 0.0], [0.66, 0.94]], "stiffness": 900.0},
         "loss": {"effect": "hysteretic_damping", "stiffness_loss_factor": 0.01},
+        # Some effects change what only a plate with a grain has.
+        "grain": {"effect": "orthotropy", "young_ratio": 0.6, "shear_factor": 1.2},
     },
 }
 

@@ -18,6 +18,7 @@ class Example(NamedTuple):
 WIRES = ((0.21, 0.0), (0.66, 0.94))
 
 EXAMPLES = {
+    "absorber": Example({}, {"x": 0.61, "y": 0.28, "mass": 0.05, "stiffness": 2.3e4, "viscous_damping": 1.7}),
     "plate": Example({}, {"youngs_modulus": 71e9, "poisson_ratio": 0.33, "density": 2700.0, "thickness": 0.0033}),
     "point_mass": Example({}, {"x": 0.61, "y": 0.28, "mass": 0.06}),
     "support_spring": Example({"nodes": (2, 9, 30)}, {"stiffness": 4.1e4, "viscous_damping": 3.0}),
@@ -32,6 +33,13 @@ EXAMPLES = {
     "thickness": Example({}, {"value": 0.0029}),
     "thickness_taper": Example({}, {"slope_x": 0.17, "slope_y": -0.24}),
     "stiffness_loss": Example({}, {"x": 0.63, "y": 0.31, "size": 0.37, "factor": 0.4}),
+    "grain_angle": Example({}, {"angle": 0.31}),
+    "rib": Example(
+        {},
+        {"x0": 0.12, "y0": 0.23, "x1": 0.87, "y1": 0.71, "bending": 60.0, "torsion": 25.0, "mass_per_length": 0.3},
+    ),
+    "cut_out": Example({}, {"x0": 0.22, "y0": 0.33, "x1": 0.57, "y1": 0.81}),
+    "thickness_field": Example({}, {"a10": 0.02, "a01": -0.013, "a11": 0.017, "a20": 0.011, "a02": -0.019}),
     "damping_patch": Example({}, {"x": 0.63, "y": 0.31, "size": 0.37, "loss_factor": 0.2}),
     "directional_damping": Example({}, {"loss_x": 0.008, "loss_y": 0.03, "loss_xy": 0.02}),
     "frequency_dependent_loss": Example({}, {"exponent": 0.45}),

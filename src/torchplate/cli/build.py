@@ -99,6 +99,9 @@ class Run:
             response = [spot.place for spot in found.response]
             reference = [spot.place for spot in found.reference] or None
             kind = frfs.kind
+        for name, points in (("response", response), ("reference", reference)):
+            if mesh.cut and points:
+                self.told(f"measurement.{name}", lambda points=points: mesh.check_on_plate(points))  # type: ignore[misc]
         model = self.told(
             "effects", lambda: PlateModel(mesh, effects, known, searched, response, reference, kind or "receptance")
         )
@@ -113,7 +116,13 @@ class Run:
         mesh = self.told(
             "mesh",
             lambda: Mesh(
-                *sides, settings.n_x, settings.n_y, settings.refine * refine, settings.edges, settings.extrapolate
+                *sides,
+                settings.n_x,
+                settings.n_y,
+                settings.refine * refine,
+                settings.edges,
+                settings.extrapolate,
+                settings.cut,
             ),
         )
         effects: dict[str, Effect] = {}

@@ -88,6 +88,12 @@ class MeshConfig(_Strict):
         example=True,
         default=False,
     )
+    cut: list[tuple[float, float, float, float]] = key(
+        "holes and missing corners [x0, y0, x1, y1], on lines of the mesh: their elements are left out",
+        "relative to the plate",
+        example=[[0.3, 0.4, 0.5, 0.6]],
+        default=[],
+    )
 
     @field_validator("length_x", "length_y", mode="before")
     @classmethod

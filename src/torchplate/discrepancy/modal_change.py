@@ -50,12 +50,10 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
     eigenvalue, shape = solve_modes(system.stiffness, system.mass)
     real, imaginary = modal_denominator(eigenvalue, system.proportional, laplace)
     denominator = torch.complex(real, imaginary)
-    if len(system.viscous):
-        own = (system.viscous[:, None] * (system.dashpot @ shape).square()).sum(0)
-        denominator = denominator + laplace[:, None] * own
+    denominator = denominator + system.force(laplace).mT @ (system.attached @ shape).square().to(laplace)
     if system.hysteretic is not None:
         denominator = denominator + 1j * (shape * (system.hysteretic @ shape)).sum(0)
-    own = own_damping(modal_impedance(system, Modes(eigenvalue, shape), laplace))
+    own = own_damping(modal_impedance(system, Modes(eigenvalue, shape), laplace), system.force)
     if model.damping_factor is not None:
         n = min(len(model.damping_factor), len(own))
         excess = pad((model.damping_factor[:n] - 1) * own[:n], (0, len(own) - n))

@@ -4,10 +4,12 @@
 one effect. A new effect is a new file and one more import below.
 """
 
+from torchplate.effects.absorber import Absorber
 from torchplate.effects.air_loading import AirLoading
 from torchplate.effects.aspect_ratio import AspectRatio
 from torchplate.effects.channel_polarity import ChannelPolarity
 from torchplate.effects.channel_swap import ChannelSwap
+from torchplate.effects.cut_out import CutOut
 from torchplate.effects.damping_patch import DampingPatch
 from torchplate.effects.density import Density
 from torchplate.effects.directional_damping import DirectionalDamping
@@ -15,6 +17,7 @@ from torchplate.effects.edge_spring import EdgeSpring
 from torchplate.effects.effect import CATALOGUE, Channel, Check, Effect, SensorChain, find_effect, options
 from torchplate.effects.exponential_window import ExponentialWindow
 from torchplate.effects.frequency_dependent_loss import FrequencyDependentLoss
+from torchplate.effects.grain_angle import GrainAngle
 from torchplate.effects.ground_dashpot import GroundDashpot
 from torchplate.effects.ground_spring import GroundSpring
 from torchplate.effects.hysteretic_damping import HystereticDamping
@@ -24,6 +27,7 @@ from torchplate.effects.parameter import Interval, Parameter, Prior
 from torchplate.effects.plate import Plate
 from torchplate.effects.point_mass import PointMass
 from torchplate.effects.poisson_ratio import PoissonRatio
+from torchplate.effects.rib import Rib
 from torchplate.effects.roving_mass import RovingMass
 from torchplate.effects.sensor_gain import SensorGain
 from torchplate.effects.sensor_position import SensorPosition
@@ -31,18 +35,21 @@ from torchplate.effects.stiffness_loss import StiffnessLoss
 from torchplate.effects.support_asymmetry import SupportAsymmetry
 from torchplate.effects.support_spring import SupportSpring
 from torchplate.effects.thickness import Thickness
+from torchplate.effects.thickness_field import ThicknessField
 from torchplate.effects.thickness_taper import ThicknessTaper
 from torchplate.effects.time_delay import TimeDelay
 from torchplate.effects.viscous_damping import ViscousDamping
 
 __all__ = [
     "CATALOGUE",
+    "Absorber",
     "AirLoading",
     "AspectRatio",
     "Channel",
     "ChannelPolarity",
     "ChannelSwap",
     "Check",
+    "CutOut",
     "DampingPatch",
     "Density",
     "DirectionalDamping",
@@ -50,6 +57,7 @@ __all__ = [
     "Effect",
     "ExponentialWindow",
     "FrequencyDependentLoss",
+    "GrainAngle",
     "GroundDashpot",
     "GroundSpring",
     "HystereticDamping",
@@ -61,6 +69,7 @@ __all__ = [
     "PointMass",
     "PoissonRatio",
     "Prior",
+    "Rib",
     "RovingMass",
     "SensorChain",
     "SensorGain",
@@ -69,6 +78,7 @@ __all__ = [
     "SupportAsymmetry",
     "SupportSpring",
     "Thickness",
+    "ThicknessField",
     "ThicknessTaper",
     "TimeDelay",
     "ViscousDamping",

@@ -76,6 +76,8 @@ class EdgeSpring(Effect):
         at_node = rows(torch.linspace(0, 1, n + 1, dtype=torch.float64), along, 1 - along) / sides[1 - along]
         slope = (1 - part) * at_node[:-1].repeat_interleave(3, 0) + part * at_node[1:].repeat_interleave(3, 0)
         deflection = rows(((torch.arange(n)[:, None] + POINT) / n).flatten())
+        # Where the edge is cut out there is nothing to hold.
+        slope = slope * (deflection != 0).any(-1, keepdim=True)
         weight = (WEIGHT.repeat(n) * sides[along] / n).to(spring)
         own = [Local(row, stiffness=k[..., None] * weight) for row, k in ((deflection, spring), (slope, rotational))]
         return [*terms, *own]

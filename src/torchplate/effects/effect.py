@@ -134,6 +134,15 @@ class Effect(ABC):
             "section" in cls.acts_on and "damping" not in cls.acts_on
         )
 
+    @classmethod
+    def may_be_missing(cls, section: Section) -> bool:  # noqa: ARG003  # of a class body that says more
+        """Whether a search for what a model lacks is to look for it on a plate of this section.
+
+        It is, if such a search knows where to look: one of its parameters has a prior, or it has none. A class body
+        says more where a plate may be such that the effect changes nothing.
+        """
+        return not cls.parameters or any(parameter.prior is not None for parameter in cls.parameters.values())
+
     def discretise(self, mesh: Mesh) -> Mesh:
         """The mesh as this effect changes it."""
         return mesh

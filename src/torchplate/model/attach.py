@@ -181,6 +181,13 @@ def terms_first(value: Float[Tensor, "*batch n_term"], n_batch: int) -> Float[Te
     return value.expand(*(1,) * (n_batch + 1 - value.ndim), *value.shape).movedim(-1, 0)[..., None]
 
 
+def lines_last(
+    value: Complex[Tensor, "*batch n_term n_frequency"], n_batch: int
+) -> Complex[Tensor, "n_term *more n_frequency"]:
+    """Dynamic stiffnesses line by line as `attach` takes them."""
+    return value.expand(*(1,) * (n_batch + 2 - value.ndim), *value.shape).movedim(-2, 0)
+
+
 def sum_of(parts: Iterable[Tensor]) -> Tensor:
     """Their sum, made as they come: an array of all of them would not stay in the cache."""
     return functools.reduce(torch.add, parts)

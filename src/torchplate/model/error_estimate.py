@@ -106,7 +106,8 @@ def _corrected(
     forces = torch.cat([response, reference]).double().cpu().numpy().T
     moved, weight = own.impedance_parts(laplace)
     times = [part @ basis for part in moved]
-    times[:3] = [part + more for part, more in zip(times[:3], own.lacking(basis), strict=True)]
+    lacking = own.lacking(basis)
+    times[: len(lacking)] = [part + more for part, more in zip(times, lacking, strict=False)]
     small = sum(w[:, None, None] * (basis.T @ part) for part, w in zip(times, weight, strict=True))
     motion = np.linalg.solve(small, np.broadcast_to(basis.T @ forces, (len(laplace), *(basis.T @ forces).shape)))
     left_over = forces - sum(w[:, None, None] * (part @ motion) for part, w in zip(times, weight, strict=True))

@@ -73,7 +73,7 @@ def extrapolate(
     twice = on_mesh(model, finer)
     top = 0.0 if frequency is None else margin * frequency
     coarse, fine = SparseModel(model, theta), SparseModel(twice, theta)
-    modes, better = coarse.modes(N_MODE, top), fine.modes(N_MODE, top)
+    modes, better = coarse.modes(N_MODE, top, bare=True), fine.modes(N_MODE, top, bare=True)
     # The last that the solver found may have a twin that it did not find.
     count = min(len(modes.eigenvalue), len(better.eigenvalue)) - 1
     across = coarse.times_mass(modes.shape[:, :count]).mT @ better.shape[_common(model.mesh, twice.mesh)][:, :count]

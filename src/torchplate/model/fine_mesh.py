@@ -18,6 +18,7 @@ from torch import Tensor
 from torchplate.model.modes import Modes
 from torchplate.model.plate_model import PlateModel
 from torchplate.plate import AddedMass
+from torchplate.plate.section import STIFFEST
 
 # Beyond so many dofs the full model is never solved densely: modes by sparse shift-invert, checks by sparse solves.
 DENSE = 1000
@@ -48,6 +49,8 @@ class SparseModel:
         self.plan = model.plan(theta)
         matrices = model.assembly.sparse(self.plan.section, self.plan.geometry, self.plan.terms)
         self.stiffness, self.mass, self.viscous, self.hysteretic = matrices
+        # Masses on springs, one by one.
+        self.hung = [term for term in self.plan.terms if term.sprung is not None]
         self._factor: Any = None
         # What a finer mesh would add is of low rank and dense: it stays beside the sparse stiffness.
         self.correction: tuple[np.ndarray, np.ndarray] | None = None
@@ -58,7 +61,9 @@ class SparseModel:
         self._spread = [_Spread(model, one) for one in self.plan.added]
 
     def _local_terms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """Of the local terms: rows r, as the sparse matrices have them; r S; stiffness, mass and dashpots.
+        """Of the local terms: rows r, as the sparse matrices have them; r S; and of each part of Z, which are in it.
+
+        The parts are stiffness, mass and dashpots, and a part for each mass on a spring.
 
         A corrected row is r + r S R. None where nothing is corrected.
         """
@@ -71,17 +76,28 @@ class SparseModel:
             torch.cat([zero if value is None else value.cpu() for zero, value in zip(none, values, strict=True)])
             for values in zip(*((term.stiffness, term.mass, term.viscous) for term in terms), strict=True)
         ]
+        counts = [len(term.vector) for term in terms]
+        of_hung = [
+            torch.arange(len(row)) == sum(counts[:index]) + one
+            for index, term in enumerate(terms)
+            if term.sprung is not None
+            for one in range(counts[index])
+        ]
         shape = row @ correction.shape.double().cpu()
-        return row.numpy(), shape.numpy(), torch.stack(parts).double().numpy()
+        return row.numpy(), shape.numpy(), torch.stack([*parts, *(own.to(row) for own in of_hung)]).double().numpy()
 
     def lacking(self, columns: np.ndarray) -> list[np.ndarray | float]:
-        """What the sparse K, M and C lack, times columns: a correction, and masses that are spread over the plate."""
+        """What the sparse K, M and C, and each mass on a spring, lack, times columns.
+
+        That is a correction, and masses that are spread over the plate.
+        """
         spread: np.ndarray | float = sum((one.times(columns) for one in self._spread), 0.0)
+        none: list[np.ndarray | float] = [spread, *[0.0] * (1 + self._n_hung)]
         if self.correction is None:
-            return [0.0, spread, 0.0]
+            return [0.0, *none]
         rows, middle = self.correction
         seen = rows @ columns
-        found: list[np.ndarray | float] = [rows.T @ (middle @ seen), spread, 0.0]
+        found: list[np.ndarray | float] = [rows.T @ (middle @ seen), *none]
         if self._terms is None:
             return found
         row, shape, parts = self._terms
@@ -100,37 +116,71 @@ class SparseModel:
         if self._terms is None:
             return rows, weight[0] * middle
         row, shape, parts = self._terms
-        pushed = (weight[:3] @ parts)[:, None] * shape
+        pushed = (weight[: len(parts)] @ parts)[:, None] * shape
         corner = weight[0] * middle + shape.T @ pushed
         empty = np.zeros((len(row), len(row)))
         return np.concatenate([rows, row]), np.block([[corner, pushed.T], [pushed, empty]])
 
-    def modes(self, n_mode: int, frequency: float = 0.0, dense: bool = False) -> Modes:
+    @property
+    def _n_hung(self) -> int:
+        return sum(len(term.vector) for term in self.hung)
+
+    def _undamped(self) -> tuple[Any, Any]:
+        """K and M with the motion of masses on springs as further coordinates; see `System.undamped`.
+
+        Without the correction of their rows, as those of springs to the ground are taken here.
+        """
+        n = self._n_hung
+        carrier = torch.cat([term.vector[..., self.model.assembly.free] for term in self.hung]).double().cpu().numpy()
+        mass, spring, _ = (
+            torch.cat(parts).double().cpu().numpy()
+            for parts in zip(*(term.sprung for term in self.hung if term.sprung is not None), strict=True)
+        )
+        link = scipy.sparse.hstack([scipy.sparse.csr_array(carrier), -scipy.sparse.eye_array(n)], format="csr")
+        empty = scipy.sparse.csr_array((n, n))
+        stiffness, inertia = (scipy.sparse.block_diag([part, empty]).tocsr() for part in (self.stiffness, self.mass))
+        stiffness = stiffness + link.T @ scipy.sparse.diags_array(spring) @ link
+        inertia = inertia + link.T @ scipy.sparse.diags_array(spring / STIFFEST**2) @ link
+        return stiffness, inertia + scipy.sparse.diags_array(np.pad(mass, (len(self.model.assembly.free), 0)))
+
+    def modes(self, n_mode: int, frequency: float = 0.0, dense: bool = False, bare: bool = False) -> Modes:
         """The lowest modes: at least `n_mode`, all up to `frequency` [Hz], and one beyond.
 
         Args:
             n_mode: how many at least.
             frequency: up to where.
             dense: solve for all modes by LAPACK; faster on small meshes.
+            bare: without masses on springs, each of which adds a mode; shapes are those of the plate either way.
         """
-        n = self.stiffness.shape[0]
+        stiffness, correction = self.stiffness, self.correction
+        mass: Any = self.mass
+        solve: Callable[[np.ndarray], np.ndarray] = self.solve
+        size = stiffness.shape[0]
+        if self.hung and not bare:
+            stiffness, mass = self._undamped()
+            if correction is not None:
+                correction = np.pad(correction[0], ((0, 0), (0, self._n_hung))), correction[1]
+            if not dense:
+                solve = self._shifted(stiffness, mass, correction)
+        n = stiffness.shape[0]
         if dense:
-            stiffness = self.stiffness.toarray()
-            if self.correction is not None:
-                rows, middle = self.correction
-                stiffness = stiffness + rows.T @ middle @ rows
-            value, shape = scipy.linalg.eigh(stiffness, self._times_mass(np.eye(n)))
+            whole = stiffness.toarray()
+            if correction is not None:
+                rows, middle = correction
+                whole = whole + rows.T @ middle @ rows
+            value, shape = scipy.linalg.eigh(whole, self._times(mass, np.eye(n)))
         else:
-            mass: Any = self.mass
             if self._spread:
-                mass = scipy.sparse.linalg.LinearOperator((n, n), matvec=self._times_mass, dtype=np.float64)
+                mass = scipy.sparse.linalg.LinearOperator(
+                    (n, n), matvec=functools.partial(self._times, mass), dtype=np.float64
+                )
             count = max(n_mode + 2, 20, self._most_modes(frequency) + SPARE)
             while True:
                 count = min(count, n - 2)
-                inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=self.solve, dtype=np.float64)
+                inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=solve, dtype=np.float64)
                 start = np.random.default_rng(0).standard_normal(n)
                 value, shape = scipy.sparse.linalg.eigsh(
-                    self.stiffness, count, mass, sigma=-SHIFT, OPinv=inverse, v0=start, tol=1e-10,
+                    stiffness, count, mass, sigma=-SHIFT, OPinv=inverse, v0=start, tol=1e-10,
                     ncv=min(n, 3 * count // 2),
                 )  # fmt: skip
                 order = value.argsort()
@@ -141,7 +191,7 @@ class SparseModel:
                 reached = float(value[-1].clip(min=1.0) ** 0.5 / (2 * np.pi))
                 count = max(count + 10, int(1.15 * count * frequency / reached))
         like = self.model.known
-        return Modes(torch.from_numpy(value).to(like), torch.from_numpy(np.ascontiguousarray(shape)).to(like))
+        return Modes(torch.from_numpy(value).to(like), torch.from_numpy(np.ascontiguousarray(shape[:size])).to(like))
 
     def _most_modes(self, frequency: float) -> int:
         """About how many modes a plate with these sides has up to a frequency if its edges are free, the most it can.
@@ -167,7 +217,13 @@ class SparseModel:
         return torch.from_numpy(self._times_mass(columns.double().cpu().numpy())).to(columns)
 
     def _times_mass(self, columns: np.ndarray) -> np.ndarray:
-        found: np.ndarray = self.mass @ columns + sum(one.times(columns) for one in self._spread)
+        return self._times(self.mass, columns)
+
+    def _times(self, mass: Any, columns: np.ndarray) -> np.ndarray:
+        """A mass matrix of the plate, masses on springs beside it or not, and what is spread over it, times columns."""
+        found: np.ndarray = mass @ columns
+        for one in self._spread:
+            found[: one.rows.shape[1]] += one.times(columns[: one.rows.shape[1]])
         return found
 
     def frf(self, frequency: Float[Tensor, " n_frequency"]) -> Complex[Tensor, "n_frequency n_response n_reference"]:
@@ -189,6 +245,11 @@ class SparseModel:
         """
         kappa, mu = self.model.assembly.proportional(self.plan.damping).at(laplace)
         parts, weight = [self.stiffness, self.mass, self.viscous], [kappa, mu, laplace]
+        for term in self.hung:
+            assert term.sprung is not None
+            rows = term.vector[..., self.model.assembly.free].double().cpu().numpy()
+            parts += [scipy.sparse.csr_array(row[:, None]) @ scipy.sparse.csr_array(row[None]) for row in rows]
+            weight += list(term.sprung.force(laplace))
         if self.hysteretic is not None:
             parts, weight = [*parts, self.hysteretic], [*weight, torch.full_like(laplace, 1j)]
         return parts, torch.stack(torch.broadcast_tensors(*weight)).numpy()
@@ -196,11 +257,20 @@ class SparseModel:
     def solve(self, right: np.ndarray) -> np.ndarray:
         """(K + shift M)⁻¹ times columns; the factors are kept."""
         if self._factor is None:
-            # Positive definite: no pivot is needed.
-            whole = self._beside(self.stiffness + SHIFT * self.mass, SHIFT)
-            factor = scipy.sparse.linalg.splu(whole.tocsc(), **SYMMETRIC)
-            self._factor = _with_low_rank(self._of_plate(factor.solve, whole.shape[0]), self.correction)
-        return self._factor(right)
+            self._factor = self._shifted(self.stiffness, self.mass, self.correction)
+        found: np.ndarray = self._factor(right)
+        return found
+
+    def _shifted(
+        self,
+        stiffness: scipy.sparse.csr_array,
+        mass: scipy.sparse.csr_array,
+        correction: tuple[np.ndarray, np.ndarray] | None,
+    ) -> Callable[[np.ndarray], np.ndarray]:
+        """Solves with K + shift M, which is positive definite: no pivot is needed."""
+        whole = self._beside(stiffness + SHIFT * mass, SHIFT)
+        factor = scipy.sparse.linalg.splu(whole.tocsc(), **SYMMETRIC)
+        return _with_low_rank(_cut(factor.solve, stiffness.shape[0], whole.shape[0]), correction)
 
     def _beside(self, matrix: scipy.sparse.csr_array, weight: float | complex) -> scipy.sparse.csr_array:
         """A matrix of the plate, bordered by what is spread over it.
@@ -212,19 +282,9 @@ class SparseModel:
         if not some:
             return matrix
         rows: Any = scipy.sparse.vstack([one.rows for one in some])
+        rows = scipy.sparse.hstack([rows, scipy.sparse.csr_array((rows.shape[0], matrix.shape[0] - rows.shape[1]))])
         own: Any = scipy.sparse.block_diag([-one.inverse / (weight * one.coefficient) for one in some])
         return scipy.sparse.block_array([[matrix, rows.T], [rows, own]], format="csr")
-
-    def _of_plate(self, solve: Callable[[np.ndarray], np.ndarray], size: int) -> Callable[[np.ndarray], np.ndarray]:
-        """A solve with a bordered matrix of some size as one over the plate's dofs."""
-        n = self.stiffness.shape[0]
-        if size == n:
-            return solve
-
-        def of_plate(right: np.ndarray) -> np.ndarray:
-            return solve(np.concatenate([right, np.zeros((size - n, *right.shape[1:]), right.dtype)]))[:n]
-
-        return of_plate
 
     def _receptance(self, laplace: Tensor, response: Tensor, reference: Tensor) -> Tensor:
         left, right = (rows.double().cpu().numpy() for rows in (response, reference))
@@ -233,7 +293,9 @@ class SparseModel:
         for line in weight.T:
             impedance = sum(w * part for part, w in zip(parts, line, strict=True))
             whole = self._beside(impedance, line[1])
-            solve = _with_low_rank(self._of_plate(_solver(whole.tocsc()), whole.shape[0]), self._low_rank(line))
+            solve = _with_low_rank(
+                _cut(_solver(whole.tocsc()), impedance.shape[0], whole.shape[0]), self._low_rank(line)
+            )
             lines.append(left @ solve(right.T.astype(complex)))
         return torch.from_numpy(np.stack(lines)).to(laplace)
 
@@ -256,6 +318,17 @@ class _Spread:
         """C Rᵀ C R times columns."""
         found: np.ndarray = self.coefficient * (self.rows.T @ (self.coupling @ (self.rows @ columns)))
         return found
+
+
+def _cut(solve: Callable[[np.ndarray], np.ndarray], size: int, whole: int) -> Callable[[np.ndarray], np.ndarray]:
+    """A solve with a bordered matrix of some size as one over the first unknowns."""
+    if size == whole:
+        return solve
+
+    def cut(right: np.ndarray) -> np.ndarray:
+        return solve(np.concatenate([right, np.zeros((whole - size, *right.shape[1:]), right.dtype)]))[:size]
+
+    return cut
 
 
 def _with_low_rank(

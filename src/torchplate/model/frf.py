@@ -9,14 +9,14 @@ d + s Uᵀ C U; they are attached one after the other, exactly: see `modal_sum`.
 for a record windowed by exp(−σt).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.effects import SensorChain
-from torchplate.model.attach import attach, terms_first
+from torchplate.model.attach import attach, lines_last
 from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum
 from torchplate.plate import Proportional, System
 from torchplate.plate.transforms import is_vmapped
@@ -72,7 +72,7 @@ def receptance(
     response: Float[Tensor, "*#batch n_response n_mode"],
     reference: Float[Tensor, "*#batch n_reference n_mode"],
     dashpot: Float[Tensor, "*#batch n_dashpot n_mode"],
-    viscous: Float[Tensor, "*#batch n_dashpot"],
+    force: Complex[Tensor, "*#batch n_dashpot n_frequency"],
     hysteretic: Float[Tensor, "*#batch n_mode n_mode"] | None = None,
 ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
     """Receptance α [m/N] from modes, exact in all damping terms.
@@ -83,22 +83,21 @@ def receptance(
         laplace: s [1/s].
         response: modal deflections at the responses [1/√kg].
         reference: modal deflections at the references [1/√kg].
-        dashpot: modal deflections at the dashpots [1/√kg].
-        viscous: coefficients of the dashpots [N s/m].
+        dashpot: modal deflections at the dashpots and sprung masses [1/√kg].
+        force: their dynamic stiffness at every line [N/m].
         hysteretic: ΦᵀHΦ of elements with a loss of their own; where it couples the modes, complex modes are solved
             for, or each line.
     """
     if hysteretic is not None:
-        return _solve_modal(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, hysteretic)
+        return _solve_modal(eigenvalue, proportional, laplace, response, reference, dashpot, force, hysteretic)
     left, right = stack_rows(dashpot, response), stack_rows(dashpot, reference)
     parts = []
-    for s in laplace.split(LINES_AT_ONCE if laplace.device.type == "cpu" else laplace.shape[-1], dim=-1):
+    for s, tied in _stretches(laplace, force):
         kappa, mu = proportional.at(s)
-        flexibility, sizes = 1 / kappa, (eigenvalue.shape[:-1], left.shape[:-2], right.shape[:-2], viscous.shape[:-1])
+        flexibility, sizes = 1 / kappa, (eigenvalue.shape[:-1], left.shape[:-2], right.shape[:-2], tied.shape[:-2])
         shape = torch.broadcast_shapes(*sizes, kappa.shape[:-1], mu.shape[:-1])
         found = modal_sum(eigenvalue, left, right, (-mu * flexibility).expand(*shape, s.shape[-1]))
-        force = terms_first(viscous, len(shape)) * (s * flexibility)
-        parts.append(attach(found, force) * flexibility)
+        parts.append(attach(found, lines_last(tied, len(shape)) * flexibility) * flexibility)
     return joined(parts, -1).movedim((0, 1), (-2, -1))
 
 
@@ -110,11 +109,11 @@ def direct_receptance(
 ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
     """Receptance [m/N] by solving Z(s) at every line, with no mode at all: slow, and the referee of `receptance`."""
     columns, (kappa, mu) = [], system.proportional.at(laplace)
+    force, attached = system.force(laplace), system.attached.to(laplace)
     for index in range(laplace.shape[-1]):
-        s, k, m = (part[..., min(index, part.shape[-1] - 1), None, None] for part in (laplace, kappa, mu))
+        k, m = (part[..., min(index, part.shape[-1] - 1), None, None] for part in (kappa, mu))
         impedance = system.stiffness * k + system.mass * m
-        weighted = system.viscous[..., None] * system.dashpot
-        impedance = impedance + s * (system.dashpot.mT @ weighted)
+        impedance = impedance + attached.mT @ (force[..., index, None] * attached)
         if system.hysteretic is not None:
             impedance = impedance + 1j * system.hysteretic
         columns.append(response.to(impedance) @ solve_each(impedance, reference.mT.to(impedance)))
@@ -206,7 +205,7 @@ def with_sensor_mass(
 
 def lines_at_once(memory: int, n_member: int, left: Tensor, right: Tensor, system: System) -> int:
     """Lines that fit the memory [bytes]."""
-    n_dashpot, n_mode = system.dashpot.shape[-2:]
+    n_dashpot, n_mode = system.attached.shape[-2:]
     pairs = (left.shape[-2] + n_dashpot) * (right.shape[-2] + n_dashpot)
     numbers = 6 * n_mode + 6 * pairs
     if system.hysteretic is not None and not _has_complex_modes(system.proportional):
@@ -236,23 +235,25 @@ def _solve_modal(
     response: Tensor,
     reference: Tensor,
     dashpot: Tensor,
-    viscous: Tensor,
+    force: Tensor,
     hysteretic: Tensor,
 ) -> Tensor:
     """α where parts have a loss of their own: mode by mode, by complex modes, or by solves, as far as these couple."""
     if _is_diagonal(hysteretic):
         own_loss = hysteretic.diagonal(dim1=-2, dim2=-1)
-        return _by_uncoupled_modes(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, own_loss)
+        return _by_uncoupled_modes(eigenvalue, proportional, laplace, response, reference, dashpot, force, own_loss)
     if _has_complex_modes(proportional, eigenvalue, hysteretic):
-        return _by_complex_modes(eigenvalue, proportional, laplace, response, reference, dashpot, viscous, hysteretic)
-    coupling = (dashpot.mT @ (viscous[..., None] * dashpot))[..., None, :, :]
+        return _by_complex_modes(eigenvalue, proportional, laplace, response, reference, dashpot, force, hysteretic)
+    tied = dashpot[..., None, :, :].to(laplace)
     hysteretic, columns = 1j * hysteretic[..., None, :, :], reference.mT[..., None, :, :].to(laplace)
-    n_member = torch.broadcast_shapes(eigenvalue.shape[:-1], hysteretic.shape[:-3], coupling.shape[:-3]).numel()
+    sizes = (eigenvalue.shape[:-1], hysteretic.shape[:-3], dashpot.shape[:-2], force.shape[:-2])
+    n_member = torch.broadcast_shapes(*sizes).numel()
     at_once = max(1, IN_CACHE // (16 * n_member * eigenvalue.shape[-1] ** 2))
     parts = []
-    for s in laplace.split(at_once, dim=-1):
+    for s, own in zip(laplace.split(at_once, dim=-1), force.split(at_once, dim=-1), strict=True):
         diagonal = torch.complex(*modal_denominator(eigenvalue, proportional, s))
-        impedance = torch.diag_embed(diagonal) + (hysteretic + s[..., None, None] * coupling)
+        coupling = tied.mT @ (own.mT[..., None] * tied)
+        impedance = torch.diag_embed(diagonal) + (hysteretic + coupling)
         parts.append(response[..., None, :, :].to(impedance) @ solve_each(impedance, columns))
     return joined(parts, -3)
 
@@ -279,19 +280,19 @@ def _by_uncoupled_modes(
     response: Tensor,
     reference: Tensor,
     dashpot: Tensor,
-    viscous: Tensor,
+    force: Tensor,
     own_loss: Tensor,
 ) -> Tensor:
     """Z(s) without the dashpots is diagonal: d_r(s) + i h_r, h what each mode loses by itself."""
     left, right = stack_rows(dashpot, response), stack_rows(dashpot, reference)
     pairs = (left[..., :, None, :] * right[..., None, :, :]).flatten(-3, -2)
     parts = []
-    for s in laplace.split(LINES_AT_ONCE if laplace.device.type == "cpu" else laplace.shape[-1], dim=-1):
+    for s, tied in _stretches(laplace, force):
         real, imaginary = modal_denominator(eigenvalue, proportional, s)
         imaginary = imaginary + own_loss[..., None, :]
         scale = 1 / torch.addcmul(imaginary * imaginary, real, real)
         found = torch.complex(pairs @ (real * scale).mT, -(pairs @ (imaginary * scale).mT))
-        parts.append(_with_dashpots(found, left, right, viscous, s))
+        parts.append(_with_dashpots(found, left, right, tied))
     return joined(parts, -1).movedim((0, 1), (-2, -1))
 
 
@@ -302,7 +303,7 @@ def _by_complex_modes(
     response: Tensor,
     reference: Tensor,
     dashpot: Tensor,
-    viscous: Tensor,
+    force: Tensor,
     hysteretic: Tensor,
 ) -> Tensor:
     """Z(s) = Λ (1 + iβ) + iH + μ(s), without the dashpots, has the complex modes of Λ (1 + iβ) + iH at every s."""
@@ -316,11 +317,17 @@ def _by_complex_modes(
     pairs = (rows[..., :, None, :] * columns[..., None, :, :]).flatten(-3, -2)
     mu = proportional.at(laplace)[1]
     found = pairs @ (1 / (value[..., :, None] + mu[..., None, :]))
-    return _with_dashpots(found, left, right, viscous, laplace).movedim((0, 1), (-2, -1))
+    return _with_dashpots(found, left, right, force).movedim((0, 1), (-2, -1))
 
 
-def _with_dashpots(found: Tensor, left: Tensor, right: Tensor, viscous: Tensor, laplace: Tensor) -> Tensor:
+def _stretches(laplace: Tensor, force: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
+    """Lines that stay in the cache together, and what is attached there."""
+    at_once = LINES_AT_ONCE if laplace.device.type == "cpu" else laplace.shape[-1]
+    return zip(laplace.split(at_once, dim=-1), force.split(at_once, dim=-1), strict=True)
+
+
+def _with_dashpots(found: Tensor, left: Tensor, right: Tensor, force: Tensor) -> Tensor:
     """Receptances of all pairs of rows, [*batch, pair, line], with the dashpots among the rows attached."""
     found = found.unflatten(-2, (left.shape[-2], right.shape[-2])).movedim((-3, -2), (0, 1))
-    force = terms_first(viscous, found.ndim - 3) * laplace
+    force = lines_last(force, found.ndim - 3)
     return attach(found, force.expand(len(force), *found.shape[2:]))

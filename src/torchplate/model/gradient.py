@@ -47,8 +47,8 @@ def modal_impedance(system: System, modes: Modes, laplace: Complex[Tensor, "*#ba
     return Impedance(
         _ModalForm.apply(system.stiffness, shape, eigenvalue),
         _ModalForm.apply(system.mass, shape, torch.ones_like(eigenvalue)),
-        system.dashpot @ shape,
-        system.viscous,
+        system.attached @ shape,
+        system.force(laplace),
         *(torch.as_tensor(part).to(eigenvalue) for part in system.proportional[:4]),  # type: ignore[call-arg]  # four
         hysteretic,
         laplace,
@@ -179,7 +179,7 @@ class _Receptance(Function):
     @staticmethod
     def forward(left: Tensor, right: Tensor, *inputs: Tensor | None) -> Tensor:
         z = Impedance(*inputs)  # type: ignore[arg-type]
-        found = receptance(z.eigenvalue, z.proportional, z.laplace, left, right, z.dashpot, z.viscous, z.hysteretic)
+        found = receptance(z.eigenvalue, z.proportional, z.laplace, left, right, z.dashpot, z.force, z.hysteretic)
         # Not a view of anything: forward mode through views of views fails inside torch.
         return found.clone(memory_format=torch.contiguous_format)
 

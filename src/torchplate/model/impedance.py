@@ -3,6 +3,7 @@
 Rows of complex numbers are [*batch n_frequency n_row n]; every product of all lines at once is a real one.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import torch
@@ -15,7 +16,10 @@ from torchplate.plate.power_law import LOWEST, REFERENCE
 
 
 class Impedance(NamedTuple):
-    """Z(s) = A (1 + iβ + δ + sb) + B (iη + sa + s²) + s Uᵀ c U + iH in modal coordinates.
+    """Z(s) = A (1 + iβ + δ + sb) + B (iη + sa + s²) + Uᵀ D U + iH in modal coordinates.
+
+    D is s c of a dashpot and another function of s of a mass on a spring; its own derivatives are nobody's business
+    here.
 
     The functions below read only the diagonals of A and B, the rest being zero, and give the gradient of every entry.
     That of the exponent n, and what β and s do in δ, goes through δ = β (power law of n − i): n alone gets none.
@@ -24,7 +28,7 @@ class Impedance(NamedTuple):
     stiffness: Float[Tensor, "*#batch n n"]  # A = ΦᵀKΦ [rad²/s²]
     mass: Float[Tensor, "*#batch n n"]  # B = ΦᵀMΦ [-]
     dashpot: Float[Tensor, "*#batch n_dashpot n"]  # U [1/√kg]
-    viscous: Float[Tensor, "*#batch n_dashpot"]  # c [N s/m]
+    force: Complex[Tensor, "*#batch n_dashpot n_frequency"]  # D [N/m]
     stiffness_loss_factor: Float[Tensor, "*#batch"]  # β [-]
     mass_loss_factor: Float[Tensor, "*#batch"]  # η [1/s²]
     mass_coefficient: Float[Tensor, "*#batch"]  # a [1/s]
@@ -44,13 +48,22 @@ class Impedance(NamedTuple):
         """Damping in proportion to K and M."""
         return Proportional(*self[4:8], loss_exponent=0.0 if self.loss_exponent is None else self.loss_exponent)
 
-    def on(self, lines: Complex[Tensor, "*#batch n_some"]) -> "Impedance":
-        """The same at other lines."""
-        return self._replace(laplace=lines, dispersion=self.proportional.dispersion(lines))
+    def at(self, lines: slice) -> "Impedance":
+        """The same at some of its lines."""
+        dispersion = None if self.dispersion is None else self.dispersion[..., lines]
+        return self._replace(laplace=self.laplace[..., lines], force=self.force[..., lines], dispersion=dispersion)
 
 
-def own_damping(z: Impedance) -> Float[Tensor, "*batch n"]:
-    """All that damps each mode at its own frequency [rad²/s²]: β(ω) ω² + η + a ω + b ω³ + ω Σ c u² + H_rr."""
+Force = Callable[[Complex[Tensor, "*batch n_line"]], Complex[Tensor, "*batch n_dashpot n_line"]]
+
+
+def own_damping(z: Impedance, force: Force) -> Float[Tensor, "*batch n"]:
+    """All that damps each mode at its own frequency [rad²/s²]: β(ω) ω² + η + a ω + b ω³ + Σ u² Im D + H_rr.
+
+    Args:
+        z: the impedance.
+        force: D at any s.
+    """
     square = z.eigenvalue.clamp(min=0.0)
     omega = square.sqrt()
     beta, eta, a, b = (part[..., None] for part in z[4:8])
@@ -60,16 +73,19 @@ def own_damping(z: Impedance) -> Float[Tensor, "*batch n"]:
             beta * (omega.clamp(min=2 * torch.pi * LOWEST) / (2 * torch.pi * REFERENCE)) ** z.loss_exponent[..., None]
         )
     own = beta * square + eta + a * omega + b * omega * square
-    own = own + omega * (z.viscous[..., None] * z.dashpot**2).sum(-2)
+    own = own + (force(1j * omega).imag * z.dashpot**2).sum(-2)
     return own if z.hysteretic is None else own + z.hysteretic.diagonal(dim1=-2, dim2=-1)
 
 
-def scattered(z: Impedance, factor: Float[Tensor, " n_factor"]) -> Impedance:
+def scattered(z: Impedance, factor: Float[Tensor, " n_factor"], force: Force) -> Impedance:
     """The impedance whose lowest modes have a damping of their own: a hysteretic i (f − 1) d_r is added to each.
 
-    d_r is the mode's `own_damping`.
+    Args:
+        z: the impedance.
+        factor: f of the lowest modes [-]; d_r is their `own_damping`.
+        force: D at any s.
     """
-    own = own_damping(z)
+    own = own_damping(z, force)
     n = min(len(factor), own.shape[-1])
     # Of modes beyond the given ones nothing changes.
     excess = torch.cat([factor[:n] - 1, factor.new_zeros(own.shape[-1] - n)])
@@ -86,7 +102,7 @@ def solve(z: Impedance, weight: Tensor, rows: Tensor) -> Tensor:
         rows: real [*batch n_row n].
     """
     real, imaginary = modal_denominator(z.eigenvalue, z.proportional, z.laplace)
-    gain = z.laplace[..., None, None] * z.viscous[..., None, :, None]
+    gain = z.force.mT[..., None]
     if z.hysteretic is not None:
         impedance = torch.diag_embed(torch.complex(real, imaginary)) + 1j * z.hysteretic[..., None, :, :]
         dashpot = z.dashpot[..., None, :, :].to(impedance)
@@ -131,13 +147,12 @@ def adjoint_gradient(z: Impedance, adjoint: Tensor, moved: Tensor, needed: Any) 
         grad["mass_loss_factor"] = work.imag.sum(-1)
         grad["mass_coefficient"] = -(s * work).real.sum(-1)
         rate = rate - (z.mass_coefficient[..., None] + 2 * s) * work
-    if z.dashpot.shape[-2] > 0 and (need["dashpot"] or need["viscous"] or need["laplace"]):
+    if z.dashpot.shape[-2] > 0 and (need["dashpot"] or need["force"]):
         pull, push = (times(rows, z.dashpot.mT) for rows in (adjoint, moved))
         power = (pull * push).sum(-2)
-        grad["viscous"] = -(s[..., None] * power).real.sum(-2)
-        rate = rate - (z.viscous[..., None, :] * power).sum(-1)
+        grad["force"] = -conjugate(power).mT
         if need["dashpot"]:
-            gain = s[..., None, None] * z.viscous[..., None, None, :]
+            gain = z.force.mT[..., None, :]
             grad["dashpot"] = -(contract(gain * push, adjoint) + contract(gain * pull, moved))
     grad["laplace"] = conjugate(rate)
     return [
@@ -171,16 +186,13 @@ def change_times(z: Impedance, tangents: Any, moved: Tensor) -> Tensor:
             total = total + sum(weights)[..., None, None] * times(moved, matrix)
     if z.dashpot.shape[-2] == 0:
         return total
-    gain, push = s[..., None, None] * z.viscous[..., None, None, :], times(moved, z.dashpot.mT)
+    gain, push = z.force.mT[..., None, :], times(moved, z.dashpot.mT)
     if change["dashpot"] is not None:
         total = total + times(gain * push, change["dashpot"])
         total = total + times(gain * times(moved, change["dashpot"].mT), z.dashpot)
-    of_gain = torch.zeros_like(gain)
-    if change["viscous"] is not None:
-        of_gain = of_gain + s[..., None, None] * change["viscous"][..., None, None, :]
-    if change["laplace"] is not None:
-        of_gain = of_gain + change["laplace"][..., None, None] * z.viscous[..., None, None, :]
-    return total + times(of_gain * push, z.dashpot)
+    if change["force"] is None:
+        return total
+    return total + times(change["force"].mT[..., None, :] * push, z.dashpot)
 
 
 def times(rows: Tensor, matrix: Tensor) -> Tensor:

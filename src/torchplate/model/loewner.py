@@ -1,7 +1,7 @@
 """The gradient of receptances with respect to whole matrices, for little more than the receptances themselves.
 
-With Z = κ (A − z B) + s Uᵀ c U at A = diag λ, B = 1, every motion is a mix of few rows over the same denominators:
-x_k = Σ_b p_kb e_b / κ(λ − z), y_j likewise with q_ja, where the rows e are those of the dashpots (p_kt = −s c_t u_t·x_k
+With Z = κ (A − z B) + Uᵀ D U at A = diag λ, B = 1, every motion is a mix of few rows over the same denominators:
+x_k = Σ_b p_kb e_b / κ(λ − z), y_j likewise with q_ja, where the rows e are those of the dashpots (p_kt = −D_t u_t·x_k
 are the forces they exert), of the responses and of the references. So the gradient of Re Σ w̄ α (w the incoming
 gradient) needs only, for each pair of rows and each mode,
 
@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchplate.model.attach import terms_first, weights
+from torchplate.model.attach import lines_last, weights
 from torchplate.model.frf import stack_rows
 from torchplate.model.impedance import Impedance, conjugate
 from torchplate.model.modal_sum import LINES_AT_ONCE, Disc, Stretch, as_real, pairs_of, times_complex
@@ -49,8 +49,8 @@ def receptance_gradient(
     weight = conjugate(grad).movedim((-2, -1), (0, 1))
     total, of_lines = None, []
     at_once = LINES_AT_ONCE // 2 if grad.device.type == "cpu" else grad.shape[-3]
-    for s, own in zip(z.laplace.split(at_once, dim=-1), weight.split(at_once, dim=-1), strict=True):
-        part, of_line = _block(z._replace(laplace=s), rows, columns, own, need)
+    for first, own in zip(range(0, z.laplace.shape[-1], at_once), weight.split(at_once, dim=-1), strict=True):
+        part, of_line = _block(z.at(slice(first, first + at_once)), rows, columns, own, need)
         total = part if total is None else total.plus(part)
         of_lines.append(of_line)
     assert total is not None
@@ -73,10 +73,10 @@ def receptance_gradient(
     grads["stiffness_loss_factor"], grads["stiffness_coefficient"] = strain.imag.sum(-1), -(s * strain).real.sum(-1)
     grads["mass_loss_factor"], grads["mass_coefficient"] = inertia.imag.sum(-1), -(s * inertia).real.sum(-1)
     grads["dispersion"] = -conjugate(strain)
-    grads["viscous"] = -(s[..., None, :] * motion).real.sum(-1)
+    grads["force"] = -conjugate(motion)
     if need["laplace"]:
         rate = z.stiffness_coefficient[..., None] * strain + (z.mass_coefficient[..., None] + 2 * s) * inertia
-        grads["laplace"] = -conjugate(rate + (z.viscous[..., :, None] * motion).sum(-2))
+        grads["laplace"] = -conjugate(rate)
     return tuple(
         found.sum_to_size(given.shape) if wanted and found is not None and given is not None else None
         for found, given, wanted in zip(grads.values(), (left, right, *z), needed, strict=True)
@@ -102,14 +102,14 @@ def _block(
     kappa, mu = z.proportional.at(z.laplace)
     flexibility = 1 / kappa
     pole = -mu * flexibility
-    sizes = (part.shape[:-1] for part in (z.eigenvalue, pole, z.viscous, rows[..., 0, :], columns[..., 0, :]))
+    sizes = (part.shape[:-1] for part in (z.eigenvalue, pole, z.force[..., 0], rows[..., 0, :], columns[..., 0, :]))
     pole = pole.expand(*torch.broadcast_shapes(*sizes, weight.shape[2:-1]), pole.shape[-1])
     # Features are [*batch, feature, line] here: of near modes, and of a series for all others, as in the modal sum.
     stretch = Stretch.around(Disc.around(pole, z.eigenvalue), z.eigenvalue)
     n_near, feature = stretch.last - stretch.first, stretch.features(z.eigenvalue, pole)
     counted = stretch.weights(pairs_of(rows, columns))
     alone = times_complex(counted, feature).movedim(-2, 0).unflatten(0, shape)
-    force = terms_first(z.viscous, pole.ndim - 1) * (z.laplace * flexibility)
+    force = lines_last(z.force, pole.ndim - 1) * flexibility
     value, motion = weights(alone, force.expand(len(force), *alone.shape[2:]), weight)
     value = value * flexibility
     flat = value.flatten(0, 1).movedim(0, -2)

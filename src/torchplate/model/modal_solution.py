@@ -41,14 +41,15 @@ def modal_solution(
     def solve(s: Tensor, left: Tensor, right: Tensor) -> Tensor:
         impedance = modal_impedance(system, modes, s)
         if damping_factor is not None:
-            impedance = scattered(impedance, damping_factor)
+            impedance = scattered(impedance, damping_factor, system.force)
         if impedance.hysteretic is not None and not couples_modes:
             own_loss = impedance.hysteretic.diagonal(dim1=-2, dim2=-1)
             impedance = impedance._replace(hysteretic=torch.diag_embed(own_loss))
         rows = [row @ modes.shape for row in (left, right)]
+        step = at_once(left, right, system)
         parts = [
-            differentiable_receptance(impedance.on(lines), rows[0], rows[1])
-            for lines in s.split(at_once(left, right, system), dim=-1)
+            differentiable_receptance(impedance.at(slice(first, first + step)), rows[0], rows[1])
+            for first in range(0, s.shape[-1], step)
         ]
         return joined(parts, -3)
 

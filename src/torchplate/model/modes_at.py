@@ -55,11 +55,12 @@ def modes_at(
 
 def _modes(model: PlateModel, theta: Tensor, rows: Tensor, n_mode: int) -> tuple[Tensor, Tensor]:
     system = model.system(theta)
-    value, vector = frozen_modes(system.stiffness, system.mass)
+    whole = system.undamped()
+    value, vector = frozen_modes(*whole)
     low = vector[..., :n_mode]
     eigenvalue = value[..., :n_mode]
     if torch.is_grad_enabled() or transformed():
-        stiffness, mass = (vector.mT @ matrix @ low for matrix in (system.stiffness, system.mass))
+        stiffness, mass = (vector.mT @ matrix @ low for matrix in whole)
         change = stiffness - mass * eigenvalue[..., None, :]
         gap = eigenvalue[..., None, :] - value[..., :, None]
         width = BLUNT * torch.maximum(eigenvalue[..., None, :].abs(), value[..., :, None].abs())
@@ -70,5 +71,5 @@ def _modes(model: PlateModel, theta: Tensor, rows: Tensor, n_mode: int) -> tuple
         low = low + vector @ mixing
         eigenvalue = eigenvalue + (own * (change - change.detach())).sum(-2)
     frequency = natural_frequencies(eigenvalue)
-    shape = (rows @ low).mT
+    shape = (rows @ low[..., : rows.shape[-1], :]).mT
     return frequency.expand(len(theta), n_mode), shape.expand(len(theta), *shape.shape[-2:])

@@ -38,6 +38,7 @@ from torchplate.model.parameter_space import Searched
 from torchplate.model.rearranged import rearranged
 from torchplate.model.shared_modes import SharedModes
 from torchplate.plate import Assembly, Geometry, Local, Mesh, Plan, System
+from torchplate.plate.section import concatenate
 from torchplate.plate.transforms import transformed
 
 # Greatest error of an FRF in relative norm for which a search is done in single precision; least squares finish it.
@@ -64,7 +65,8 @@ class PlateModel(nn.Module):
         assembly: of this mesh, to share with other models; left out, one is made.
 
     Raises:
-        ValueError: if there is not exactly one plate, a parameter is missing, unknown or outside what makes sense.
+        ValueError: if there is not exactly one plate, a parameter is missing, unknown or outside what makes sense, or a
+            response or reference is inside a hole.
     """
 
     known: Tensor
@@ -91,6 +93,9 @@ class PlateModel(nn.Module):
         self.effects = dict(sorted(self.effects.items(), key=lambda item: item[1].stage))
         for effect in self.effects.values():
             mesh = effect.discretise(mesh)
+        for name, points in (("response", response), ("reference", reference)):
+            if mesh.cut and points is not None:
+                mesh.check_on_plate(mesh.places(as_points(points, name)).tolist())
         self.mesh = mesh
         values, self._searched, self.space = declared(self.effects, known, searched or {})
         self.register_buffer("known", torch.tensor(values, dtype=torch.float64))
@@ -134,6 +139,8 @@ class PlateModel(nn.Module):
         terms: Sequence[Local] = []
         for label, effect in self.effects.items():
             try:
+                if self.mesh.cut:
+                    self.mesh.check_on_plate([*getattr(effect, "nodes", ()), *getattr(effect, "at", ())])
                 terms = effect.attached(self.mesh, terms, value[label])
                 effect.added_mass(self.mesh, geometry, value[label])
                 chain = effect.observe(self.mesh, chain, value[label], geometry)
@@ -343,6 +350,8 @@ class PlateModel(nn.Module):
     def modes(self, theta: Numbers, *, check: bool = True) -> Modes:
         """All undamped modes, one `torch.linalg.eigh` for the batch.
 
+        A mass on a spring adds a mode; the shapes are those of the plate, the motion of such masses left out.
+
         Shapes have no derivative where frequencies repeat: differentiate `frf` or `natural_frequencies` instead.
 
         Args:
@@ -351,7 +360,8 @@ class PlateModel(nn.Module):
         """
         theta, single = self._theta(theta, check)
         system = self.system(theta)
-        modes = solve_modes(system.stiffness, system.mass)
+        value, shape = solve_modes(*system.undamped())
+        modes = Modes(value, shape[..., : self.assembly.size, :])
         return Modes(*(part.float() for part in modes)) if single else modes
 
     def natural_frequencies(
@@ -383,7 +393,7 @@ class PlateModel(nn.Module):
         parts = []
         for members in self._chunks(theta):
             system = self.system(members)
-            eigenvalue = solve_eigenvalues(system.stiffness, system.mass)[..., :n_mode]
+            eigenvalue = solve_eigenvalues(*system.undamped())[..., :n_mode]
             parts.append(natural_frequencies(eigenvalue).expand(len(members), n_mode))
         found = joined(parts, 0).reshape(*theta.shape[:-1], n_mode)
         return found.float() if single else found
@@ -439,7 +449,7 @@ class PlateModel(nn.Module):
         kind = kind or self.kind
         if kind not in KINDS:
             raise ValueError(f"Expected kind to be one of {', '.join(KINDS)}, got '{kind}'.")
-        found = []
+        found: list[Tensor | None] = []
         for name, given, own in (
             ("response", response, self.response),
             ("reference", reference, self.reference),
@@ -447,7 +457,13 @@ class PlateModel(nn.Module):
             points = own if given is None else given
             if points is None and not (name == "reference" and kind == "transmissibility"):
                 raise ValueError(f"Expected a {name}, got none, and the model has no measurement. Give {name}=[node].")
-            found.append(None if points is None else self.mesh.places(as_points(points, name)).to(self.known))
+            if points is None:
+                found.append(None)
+                continue
+            places = self.mesh.places(as_points(points, name))
+            if given is not None and self.mesh.cut and not isinstance(points, Tensor) and not transformed():
+                self.mesh.check_on_plate(places.tolist())
+            found.append(places.to(self.known))
         assert found[0] is not None
         return found[0], found[1], kind
 
@@ -517,10 +533,32 @@ class PlateModel(nn.Module):
         """Receptances as the sensor chain reports them."""
         response, reference, kind = points
         chain = self._chain(theta, plan, laplace, response, reference)
-        left, right = self.assembly.rows(self.mesh.deflection_at(chain.response)), self.excitation(plan, reference)
+        left = self.assembly.rows(self.mesh.deflection_at(chain.response))
+        of_plate = self._with_hung(plan, reference, solve)
+        right = self.excitation(plan, reference)
         if chain.mass is not None:
-            return as_kind(with_sensor_mass(solve, chain, left, right, reference is None), chain, kind)
-        return as_kind(solve(chain.laplace, left, right), chain, kind)
+            return as_kind(with_sensor_mass(of_plate, chain, left, right, reference is None), chain, kind)
+        return as_kind(of_plate(chain.laplace, left, right), chain, kind)
+
+    def _with_hung(
+        self, plan: Plan, reference: Tensor | None, solve: Callable[[Tensor, Tensor, Tensor], Tensor]
+    ) -> Callable[[Tensor, Tensor, Tensor], Tensor]:
+        """A solve whose first column is the plate under a base that moves, with what masses on springs do to that."""
+        hung = [term for term in plan.terms if term.sprung is not None]
+        if reference is not None or not hung:
+            return solve
+
+        def loaded(laplace: Tensor, left: Tensor, right: Tensor) -> Tensor:
+            # Masses on springs load the plate by what they would weigh at each s, D(s)/s², where its base moves.
+            rows = [right, *(self.assembly.rows(term.vector) for term in hung)]
+            n = right.shape[-2]
+            found = solve(laplace, left, concatenate(rows, 2))
+            forces = [term.sprung.force(laplace) for term in hung if term.sprung is not None]
+            weight = (concatenate(forces, 2) / laplace[..., None, :] ** 2).mT[..., None, :]
+            first = found[..., :1] + (found[..., n:] * weight).sum(-1, keepdim=True)
+            return torch.cat([first, found[..., 1:n]], dim=-1)
+
+        return loaded
 
     def _chain(
         self, theta: Tensor, plan: Plan, laplace: Tensor, response: Tensor, reference: Tensor | None

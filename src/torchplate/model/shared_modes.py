@@ -23,13 +23,13 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
-from torchplate.model.attach import terms_first
+from torchplate.model.attach import lines_last, terms_first
 from torchplate.model.attached_sum import Rows, attached_sum
 from torchplate.model.frf import stack_rows
 from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, reciprocal
 from torchplate.model.modes import solve_modes
-from torchplate.plate import Assembly, Plan, Proportional
-from torchplate.plate.assemble import concatenate
+from torchplate.plate import Assembly, Plan, Proportional, Sprung
+from torchplate.plate.section import concatenate
 from torchplate.plate.transforms import REMEMBERED, is_vmapped, transformed
 
 # Attaching terms one after the other costs the square of their number; with more, one `eigh` each is cheaper.
@@ -54,17 +54,27 @@ class Attached(NamedTuple):
     lump: Float[Tensor, "*#batch n_term"] | None  # over m [kg]
     spring: Float[Tensor, "*#batch n_term"] | None  # over e [N/m]
     viscous: Float[Tensor, "*#batch n_term"] | None  # [N s/m]
+    sprung: Sequence[tuple[int, Sprung]] = ()  # masses on springs, and the first term of each
 
     def stiffness(
-        self, z: Complex[Tensor, "*batch n_frequency"], rate: Complex[Tensor, "*batch n_frequency"]
+        self,
+        z: Complex[Tensor, "*batch n_frequency"],
+        laplace: Complex[Tensor, "*#batch n_frequency"],
+        flexibility: Complex[Tensor, "*#batch #n_frequency"],
     ) -> Complex[Tensor, "n_term *batch n_frequency"]:
-        """D / eκ = k/e − z m/m + c s/eκ, the last factor given as `rate`."""
+        """D / eκ = k/e − z m/m + c s/eκ, and of a mass on a spring its own D / eκ; 1/eκ is the flexibility."""
+        rate = (laplace * flexibility).expand(z.shape).to(z)
         parts = []
-        for value, weight in zip(self[1:], (-z, None, rate), strict=True):
+        for value, weight in zip(self[1:4], (-z, None, rate), strict=True):
             if value is not None:
                 own = terms_first(value, z.ndim - 1).to(z.real.dtype)
                 parts.append(own if weight is None else own * weight)
         total = functools.reduce(torch.add, parts, z.new_zeros(self.row.shape[-2], *(1,) * z.ndim))
+        for first, sprung in self.sprung:
+            own = (lines_last(sprung.force(laplace), z.ndim - 1) * flexibility).to(z)
+            total = total + torch.nn.functional.pad(
+                own.expand(len(own), *z.shape), (0, 0) * z.ndim + (first, len(total) - first - len(own))
+            )
         return total.expand(len(total), *z.shape)
 
 
@@ -138,7 +148,8 @@ class SharedModes(nn.Module):
         attached = self._attached(assembly, plan, e, m)
         sides = [stack_rows(attached.row, side) for side in (left, right)]
         kappa, mu = damping.at(laplace)
-        values = [part.shape[:-1] for part in (*attached[1:], kappa, mu) if part is not None]
+        parts = (*attached[1:4], *(part for _, own in attached.sprung for part in own), kappa, mu)
+        values = [part.shape[:-1] for part in parts if part is not None]
         batch = torch.broadcast_shapes(e.shape, m.shape, *values, *(side.shape[:-2] for side in sides))
         flexibility = reciprocal(e[..., None] * kappa)
         # Of the whole batch, also where only terms or places differ between the members.
@@ -146,7 +157,7 @@ class SharedModes(nn.Module):
         rows = Rows(self.eigenvalue, *sides)
         in_single = in_single and rows.alike
         numbers = torch.complex64 if in_single else z.dtype
-        force = attached.stiffness(z.to(numbers), (laplace * flexibility).expand(z.shape).to(numbers))
+        force = attached.stiffness(z.to(numbers), laplace, flexibility)
         # What stays in the cache.
         at_once = LINES_AT_ONCE * (1 + in_single) if laplace.device.type == "cpu" else laplace.shape[-1]
         stretches: Sequence[Stretch] = self._expected(laplace, at_once, m / e, damping) or [
@@ -186,16 +197,19 @@ class SharedModes(nn.Module):
         """All terms; a mass over m and a spring over e, so that what M₀ and K₀ hold of them is the same for all."""
         rows = [self.eigenvalue.new_zeros(0, len(self.eigenvalue))]
         values: list[list[Tensor]] = [[], [], []]
+        hung: list[tuple[int, Sprung]] = []
         first = 0
         for term in plan.terms:
             here = slice(first, first := first + term.vector.shape[-2])
             rows.append(assembly.rows(term.vector))
+            if term.sprung is not None:
+                hung.append((here.start, term.sprung))
             held = self.lump[here], self.spring[here], torch.zeros_like(self.spring[here])
-            for total, value, over, part in zip(values, term[1:], (m, e, torch.ones_like(e)), held, strict=True):
+            for total, value, over, part in zip(values, term[1:4], (m, e, torch.ones_like(e)), held, strict=True):
                 total.append(-part if value is None else value / over[..., None] - part)
         used = [any(term[kind] is not None for term in plan.terms) for kind in (1, 2, 3)]
         together = [concatenate(total, 1) if some else None for total, some in zip(values, used, strict=True)]
-        return Attached(concatenate(rows, 2), *together)
+        return Attached(concatenate(rows, 2), together[0], together[1], together[2], hung)
 
 
 def _coefficients(assembly: Assembly, plan: Plan) -> tuple[Tensor, Tensor]:

@@ -16,7 +16,7 @@ from torchplate.plate.added_mass import AddedMass, dragged
 from torchplate.plate.assemble import Assembly, Correction, Unevenness
 from torchplate.plate.material import MATERIALS, Material, find_material
 from torchplate.plate.mesh import Mesh
-from torchplate.plate.section import Geometry, Local, Plan, Proportional, Section, System
+from torchplate.plate.section import Geometry, Local, Plan, Proportional, Section, Sprung, System
 from torchplate.plate.wavelength import (
     ELEMENTS_PER_WAVELENGTH,
     THIN,
@@ -40,6 +40,7 @@ __all__ = [
     "Plan",
     "Proportional",
     "Section",
+    "Sprung",
     "System",
     "Unevenness",
     "bending_wavelength",

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from torchplate.plate import element
 from torchplate.plate.added_mass import AddedMass
 from torchplate.plate.mesh import Mesh
-from torchplate.plate.section import Geometry, Local, Proportional, Section, System
+from torchplate.plate.section import Geometry, Local, Proportional, Section, Sprung, System, concatenate
 from torchplate.plate.transforms import REMEMBERED, is_vmapped, stays, transformed
 
 # Fixed matrices, of a uniform plate and of projected elements, are kept up to these sizes; beyond they are made anew.
@@ -289,6 +289,7 @@ class Assembly(nn.Module):
         if section.loss_factor is not None:
             hysteretic = self.stiffness(section.lossy_rigidity, geometry)
         dashpots, viscous = [stiffness.new_zeros(0, self.size)], [stiffness.new_zeros(0)]
+        carriers, hung = [], []
         for term in terms:
             row = self.rows(term.vector)
             if term.mass is not None:
@@ -298,10 +299,20 @@ class Assembly(nn.Module):
             if term.viscous is not None:
                 dashpots.append(row)
                 viscous.append(term.viscous)
+            if term.sprung is not None:
+                carriers.append(row)
+                hung.append(term.sprung)
         for one in added:
             mass = mass + one.coefficient[..., None, None] * self.added_mass(one)
         return System(
-            mass, stiffness, concatenate(dashpots, 2), concatenate(viscous, 1), hysteretic, self.proportional(damping)
+            mass,
+            stiffness,
+            concatenate(dashpots, 2),
+            concatenate(viscous, 1),
+            hysteretic,
+            self.proportional(damping),
+            concatenate(carriers, 2) if carriers else None,
+            Sprung(*(concatenate(parts, 1) for parts in zip(*hung, strict=True))) if hung else None,
         )
 
     @staticmethod
@@ -396,9 +407,3 @@ def _not_zero(coefficient: Float[Tensor, "*batch n_element n_pattern"]) -> Tenso
     some = coefficient.detach().ne(0).any(-1)
     found = torch.nonzero(some.reshape(-1, some.shape[-1]).any(0)).flatten()
     return found if 2 * len(found) < coefficient.shape[-2] else None
-
-
-def concatenate(parts: Sequence[Tensor], n_last: int) -> Tensor:
-    """Parts put together along the first of their last `n_last` dimensions, whatever batch each has."""
-    batch = torch.broadcast_shapes(*(part.shape[:-n_last] for part in parts))
-    return torch.cat([part.expand(*batch, *part.shape[-n_last:]) for part in parts], dim=-n_last)

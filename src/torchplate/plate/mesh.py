@@ -1,5 +1,7 @@
 """A rectangular plate, cut into n_x × n_y elements, each in refine × refine again.
 
+Elements may be cut out, in rectangles of the n_x × n_y grid; their places in the numbering of the nodes stay.
+
 The mesh lies on the unit square: places are relative, x/Lx and y/Ly, and a node's dofs are w, ∂w/∂(y/Ly) and
 −∂w/∂(x/Lx), all in metres. The lengths enter where the section is assembled. So a change of the sides moves no node
 and no shape function, and every member of a population shares one mesh.
@@ -20,6 +22,8 @@ from torchplate.plate.transforms import REMEMBERED, stays
 EDGES = ("x0", "x1", "y0", "y1")
 EDGE_CONDITIONS = ("free", "simply_supported", "clamped")
 DOFS_PER_NODE = 3
+# In elements: what rounding may make of a place on a line of the mesh.
+ON_LINE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -35,9 +39,12 @@ class Mesh:
         edges: `free` (the default), `simply_supported` or `clamped` for x0, x1, y0, y1.
         extrapolate: whether a model on this mesh is to have its remaining mesh error taken off; see
             `model.extrapolation`.
+        cut: rectangles (x0, y0, x1, y1) without plate, in relative places on lines of the n_x × n_y grid: holes, a
+            corner that is missing. Their elements are left out, and the nodes that then belong to none; labels stay.
 
     Raises:
-        ValueError: if a side is not positive, a count is below 1, or an edge or its condition is unknown.
+        ValueError: if a side is not positive, a count is below 1, an edge or its condition is unknown, a cut is no
+            rectangle of elements, or no element is left.
     """
 
     length_x: float
@@ -47,6 +54,7 @@ class Mesh:
     refine: int = 1
     edges: Mapping[str, str] = field(default_factory=dict)
     extrapolate: bool = False
+    cut: Sequence[Sequence[float]] = ()
 
     def __post_init__(self) -> None:
         for name in ("length_x", "length_y", "n_x", "n_y", "refine"):
@@ -61,6 +69,25 @@ class Mesh:
                 raise ValueError(
                     f"Expected mesh.edges.{edge} to be one of {', '.join(EDGE_CONDITIONS)}, got '{condition}'."
                 )
+        for index, corners in enumerate(self.cut):
+            self._check_cut(index, corners)
+        if not self.n_element:
+            raise ValueError("Expected mesh.cut to leave some of the plate, got none left. Make a cut smaller.")
+
+    def _check_cut(self, index: int, corners: Sequence[float]) -> None:
+        if len(corners) != 4 or not (0 <= corners[0] < corners[2] <= 1 and 0 <= corners[1] < corners[3] <= 1):
+            raise ValueError(
+                f"Expected mesh.cut[{index}] as [x0, y0, x1, y1] with 0 ≤ x0 < x1 ≤ 1 and 0 ≤ y0 < y1 ≤ 1, got "
+                f"{list(corners)}. Give two opposite corners, divided by the sides of the plate."
+            )
+        for name, place, n in zip(("x0", "y0", "x1", "y1"), corners, 2 * (self.n_x, self.n_y), strict=True):
+            if abs(place * n - round(place * n)) > ON_LINE:
+                low = math.floor(place * n) / n
+                raise ValueError(
+                    f"Expected {name} of mesh.cut[{index}] on a line of the {self.n_x} × {self.n_y} mesh, such as "
+                    f"{low:g} or {low + 1 / n:g}, got {place:g}. Move it there, or choose mesh.n_{name[0]} so that it "
+                    "is on one."
+                )
 
     @property
     def cells(self) -> tuple[int, int]:
@@ -69,8 +96,20 @@ class Mesh:
 
     @property
     def n_element(self) -> int:
-        """Number of elements."""
-        return self.cells[0] * self.cells[1]
+        """Number of elements, those that are cut out left out."""
+        return self.cells[0] * self.cells[1] if self.kept is None else len(self.kept)
+
+    @cached_property
+    def kept(self) -> Int[Tensor, " n_element"] | None:
+        """Numbers of the elements among all of the rectangle; None where nothing is cut out."""
+        if not self.cut:
+            return None
+        centre = self._centres
+        inside = torch.zeros(len(centre), dtype=torch.bool)
+        for x0, y0, x1, y1 in self.cut:
+            low, high = centre.new_tensor([x0, y0]), centre.new_tensor([x1, y1])
+            inside |= ((centre > low) & (centre < high)).all(-1)
+        return torch.nonzero(~inside).flatten()
 
     @property
     def n_node(self) -> int:
@@ -90,10 +129,21 @@ class Mesh:
     @cached_property
     def element_dof(self) -> Int[Tensor, "n_element 12"]:
         """Dofs of each element, corner by corner; elements count along x first."""
+        return self._of_kept(self._dof_of_all)
+
+    def _of_kept(self, value: Tensor, last: bool = False) -> Tensor:
+        """Of all elements of the rectangle, along the first or the last dimension: those that are not cut out."""
+        if self.kept is None:
+            return value
+        kept = self.kept.to(value.device)
+        return value[..., kept] if last else value[kept]
+
+    @cached_property
+    def _dof_of_all(self) -> Int[Tensor, "n_all 12"]:
         cells_x, cells_y = self.cells
         corner = torch.arange(cells_x) + (cells_x + 1) * torch.arange(cells_y)[:, None]
         node = corner.reshape(-1, 1) + torch.tensor([0, 1, cells_x + 2, cells_x + 1])
-        return (DOFS_PER_NODE * node[..., None] + torch.arange(DOFS_PER_NODE)).reshape(self.n_element, element.N_DOF)
+        return (DOFS_PER_NODE * node[..., None] + torch.arange(DOFS_PER_NODE)).reshape(-1, element.N_DOF)
 
     @cached_property
     def node_place(self) -> Float[Tensor, "n_node 2"]:
@@ -104,6 +154,10 @@ class Mesh:
     @cached_property
     def element_place(self) -> Float[Tensor, "n_element 2"]:
         """Relative places of the elements' centres [-], along x first."""
+        return self._of_kept(self._centres)
+
+    @cached_property
+    def _centres(self) -> Float[Tensor, "n_all 2"]:
         x, y = ((torch.arange(n, dtype=torch.float64) + 0.5) / n for n in self.cells)
         return torch.cartesian_prod(y, x).flip(-1)
 
@@ -139,9 +193,25 @@ class Mesh:
                 )
         return torch.tensor(found, dtype=torch.float64).reshape(-1, 2)
 
+    def check_on_plate(self, points: Sequence[int | Sequence[float]]) -> None:
+        """Whether there is plate at points.
+
+        Raises:
+            ValueError: if one is inside a hole.
+        """
+        if self.kept is None:
+            return
+        gone = ~(self.deflection_at(self.places(points)) != 0).any(-1)
+        if bool(gone.any()):
+            missing = [point for point, none in zip(points, gone.tolist(), strict=True) if none]
+            raise ValueError(
+                f"Expected points on the plate, got {', '.join(map(str, missing))} inside a hole of mesh.cut. Correct "
+                "the point or the hole."
+            )
+
     @cached_property
     def free_dof(self) -> Int[Tensor, "n_free"]:
-        """Dofs that no edge holds."""
+        """Dofs that no edge holds, of nodes that belong to an element."""
         held = torch.zeros(self.cells[1] + 1, self.cells[0] + 1, DOFS_PER_NODE, dtype=torch.bool)
         line: dict[str, tuple[slice | int, slice | int]] = {
             "x0": (slice(None), 0),
@@ -155,6 +225,10 @@ class Mesh:
             elif condition == "simply_supported":
                 # Where w vanishes along an edge, so does its slope along that edge.
                 held[line[edge]] |= torch.tensor([True, edge.startswith("x"), edge.startswith("y")])
+        if self.kept is not None:
+            there = torch.zeros(self.n_dof, dtype=torch.bool)
+            there[self.element_dof.flatten()] = True
+            held |= ~there.view_as(held)
         return torch.nonzero(~held.flatten()).flatten()
 
     @cached_property
@@ -168,7 +242,8 @@ class Mesh:
         """Deflection at relative places as a row over the dofs, through the element's shape functions.
 
         Args:
-            place: (x/Lx, y/Ly) [-]; outside 0 to 1 the nearest element's polynomial is continued.
+            place: (x/Lx, y/Ly) [-]; outside 0 to 1 the nearest element's polynomial is continued, and inside a hole
+                there is nothing: its row is zero.
             order_x: order of the derivative in x/Lx.
             order_y: order of the derivative in y/Ly.
         """
@@ -193,10 +268,35 @@ class Mesh:
         position = place * cells
         # Differentiable in the place: only the number of the element is piecewise constant.
         corner = position.detach().floor().clamp(min=0).minimum(cells - 1)
+        present: Tensor | None = None
+        if self.kept is not None:
+            corner, present = self._beside_holes(position.detach(), corner)
         number = (corner[..., 0] + self.cells[0] * corner[..., 1]).long()
         value = element.shape_functions(position - corner, 1 / self.cells[0], 1 / self.cells[1], order_x, order_y)
+        if present is not None:
+            value = torch.where(present[..., None], value, 0.0)
         row = torch.zeros(*place.shape[:-1], self.n_dof, dtype=place.dtype, device=place.device)
-        return row.scatter(-1, self.element_dof.to(place.device)[number], value)
+        return row.scatter(-1, self._dof_of_all.to(place.device)[number], value)
+
+    def _beside_holes(self, position: Tensor, corner: Tensor) -> tuple[Tensor, Tensor]:
+        """An element that is there for each place, that on the other side of its edge where need be; and whether."""
+        assert self.kept is not None
+        cells = corner.new_tensor(self.cells)
+        there = torch.zeros(self.cells[0] * self.cells[1], dtype=torch.bool, device=corner.device)
+        there[self.kept.to(corner.device)] = True
+        found, present = corner, torch.zeros_like(corner[..., 0], dtype=torch.bool)
+        for back_x, back_y in ((0, 0), (1, 0), (0, 1), (1, 1)):
+            back = corner.new_tensor([back_x, back_y])
+            on_edge = ((back == 0) | ((position - corner).abs() <= ON_LINE)).all(-1)
+            tried = (corner - back).clamp(min=0)
+            also = there[(tried[..., 0] + self.cells[0] * tried[..., 1]).long()] & on_edge & ~present
+            # A place a rounding below a line belongs to the element beyond it, too.
+            found, present = torch.where(also[..., None], tried, found), present | also
+            forward = (corner + back).minimum(cells - 1)
+            on_far = ((back == 0) | ((position - corner - 1).abs() <= ON_LINE)).all(-1)
+            also = there[(forward[..., 0] + self.cells[0] * forward[..., 1]).long()] & on_far & ~present
+            found, present = torch.where(also[..., None], forward, found), present | also
+        return found, present
 
     def coverage(
         self, x: Float[Tensor, "*#batch"], y: Float[Tensor, "*#batch"], size: Float[Tensor, "*#batch"]
@@ -210,13 +310,29 @@ class Mesh:
             y: along y.
             size: its side over √(Lx Ly) [-], of the nominal sides: so it is square on a rectangle too.
         """
-        overlaps = []
         stretch = math.sqrt(self.length_y / self.length_x)
-        for centre, half, n in ((x, size * stretch / 2, self.cells[0]), (y, size / stretch / 2, self.cells[1])):
-            low = torch.arange(n, dtype=size.dtype, device=size.device) / n
-            first = torch.maximum((centre - half)[..., None], low)
-            last = torch.minimum((centre + half)[..., None], low + 1 / n)
+        half_x, half_y = size * stretch / 2, size / stretch / 2
+        return self.overlap((x - half_x, x + half_x), (y - half_y, y + half_y))
+
+    def overlap(
+        self,
+        over_x: tuple[Float[Tensor, "*#batch"], Float[Tensor, "*#batch"]],
+        over_y: tuple[Float[Tensor, "*#batch"], Float[Tensor, "*#batch"]],
+    ) -> tuple[Float[Tensor, "*batch n_element"], Float[Tensor, "*batch n_element"]]:
+        """The same of any rectangle.
+
+        Args:
+            over_x: from where to where along x, relative [-].
+            over_y: along y.
+        """
+        overlaps = []
+        for (start, end), n in zip((over_x, over_y), self.cells, strict=True):
+            low = torch.arange(n, dtype=start.dtype, device=start.device) / n
+            first = torch.maximum(start[..., None], low)
+            last = torch.minimum(end[..., None], low + 1 / n)
             overlaps.append(n * (last - first).clamp(min=0))
         along_x, along_y = torch.broadcast_tensors(overlaps[0][..., None, :], overlaps[1][..., :, None])
         covered = (along_x > 0) & (along_y > 0)
-        return (along_x * covered).flatten(-2), (along_y * covered).flatten(-2)
+        parts = ((along * covered).flatten(-2) for along in (along_x, along_y))
+        of_x, of_y = (self._of_kept(part, last=True) for part in parts)
+        return of_x, of_y

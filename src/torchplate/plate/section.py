@@ -1,5 +1,6 @@
 """What a plate is made of: the few quantities that every effect changes or adds."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,6 +10,9 @@ from torch import Tensor
 
 from torchplate.plate.added_mass import AddedMass
 from torchplate.plate.power_law import power_law
+
+# Natural frequency of a sprung mass of zero [rad/s]: far above any band, and below the highest of a fine mesh.
+STIFFEST = 2 * math.pi * 2e5
 
 
 class Geometry(NamedTuple):
@@ -35,6 +39,8 @@ class Section(NamedTuple):
     stiffness_factor: Float[Tensor, "*batch n_element n_entry"]
     # Hysteretic loss factors of the same four, beside that of the whole model [-].
     loss_factor: Float[Tensor, "*batch n_element n_entry"] | None = None
+    # From the side x to the axis of E_x, positive towards the side y [rad]; None where they are the same.
+    grain_angle: Float[Tensor, "*batch n_element"] | None = None
 
     @property
     def areal_mass(self) -> Float[Tensor, "*batch n_element"]:
@@ -45,7 +51,8 @@ class Section(NamedTuple):
     def rigidity(self) -> Float[Tensor, "*batch n_element 3 3"]:
         """Bending rigidity: moments = D curvatures, curvatures (−w,xx, −w,yy, −2w,xy) [N m].
 
-        D = h³/12 · [[E_x, ν√(E_x E_y), 0], [ν√(E_x E_y), E_y, 0], [0, 0, G(1 − ν²)]] / (1 − ν²).
+        D = h³/12 · [[E_x, ν√(E_x E_y), 0], [ν√(E_x E_y), E_y, 0], [0, 0, G(1 − ν²)]] / (1 − ν²), and TᵀDT where the
+        grain is turned; see `turned`.
         Source: seed paper, Eq. 12, for E_x = E_y; Lekhnitskii, Anisotropic Plates (1968), for the orthotropic plate.
         """
         return self._matrix(self.stiffness_factor)
@@ -65,7 +72,53 @@ class Section(NamedTuple):
         along_x, along_y, cross, twist = (torch.stack(sound, dim=-1) * factor).unbind(-1)
         zero = torch.zeros_like(cross)
         flat = torch.stack([along_x, cross, zero, cross, along_y, zero, zero, zero, twist], dim=-1)
-        return flat.unflatten(-1, (3, 3))
+        straight = flat.unflatten(-1, (3, 3))
+        return straight if self.grain_angle is None else turned(straight, self.grain_angle)
+
+
+def turned(
+    rigidity: Float[Tensor, "*#batch n_element 3 3"], angle: Float[Tensor, "*#batch #n_element"]
+) -> Float[Tensor, "*batch n_element 3 3"]:
+    """TᵀDT: the rigidity in the plate's axes of a material whose own are turned.
+
+    T takes curvatures (−w,xx, −w,yy, −2w,xy) to those along and across the grain: with c = cos, s = sin of the angle
+    [[c², s², cs], [s², c², −cs], [−2cs, 2cs, c² − s²]]. Source: Lekhnitskii, Anisotropic Plates (1968), on the change
+    of axes.
+
+    Args:
+        rigidity: along and across the grain [N m].
+        angle: from the side x to the grain [rad].
+    """
+    cos, sin = angle.cos(), angle.sin()
+    both, along, across = cos * sin, cos**2, sin**2
+    rows = [along, across, both, across, along, -both, -2 * both, 2 * both, along - across]
+    turn = torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
+    return turn.mT @ rigidity @ turn
+
+
+class Sprung(NamedTuple):
+    """Masses that hang on a spring and a dashpot beside it, one for each term; the other end is on the plate.
+
+    With no coordinate of its own such a mass is a dynamic stiffness at its place,
+
+        D(s) = s² m (k + sc) / (k + sc + s² m)
+
+    (Den Hartog, Mechanical Vibrations, 4th ed. 1956, section 3.2). Loss factors of the whole model do not act on it.
+    """
+
+    mass: Float[Tensor, "*batch n_term"]  # m [kg]
+    stiffness: Float[Tensor, "*batch n_term"]  # k [N/m]
+    viscous: Float[Tensor, "*batch n_term"]  # c [N s/m]
+
+    def force(self, laplace: Complex[Tensor, "*#batch n_frequency"]) -> Complex[Tensor, "*batch n_term n_frequency"]:
+        """D(s) [N/m]."""
+        s = laplace[..., None, :]
+        mass, stiffness, viscous = (part[..., None] for part in self)
+        link, inertia = stiffness + s * viscous, s**2 * mass
+        total = link + inertia
+        # Without a dashpot D is infinite at √(k/m), and without anything it is 0/0: a rounding of both away from that.
+        apart = torch.finfo(mass.dtype).eps * (stiffness + s.abs() ** 2 * mass) + torch.finfo(mass.dtype).tiny
+        return inertia * link / torch.where(total == 0, apart.to(total), total)
 
 
 class Local(NamedTuple):
@@ -78,6 +131,7 @@ class Local(NamedTuple):
     mass: Float[Tensor, "*batch n_term"] | None = None  # [kg]
     stiffness: Float[Tensor, "*batch n_term"] | None = None  # [N/m]
     viscous: Float[Tensor, "*batch n_term"] | None = None  # [N s/m]
+    sprung: Sprung | None = None
 
 
 class Proportional(NamedTuple):
@@ -144,3 +198,46 @@ class System(NamedTuple):
     viscous: Float[Tensor, "*batch n_dashpot"]  # coefficients [N s/m]
     hysteretic: Float[Tensor, "*batch n n"] | None  # K of the elements times their own loss factors [N/m]
     proportional: Proportional
+    # Masses on springs: deflection there over the dofs [-], and what hangs there; None where nothing does.
+    carrier: Float[Tensor, "*batch n_sprung n"] | None = None
+    sprung: Sprung | None = None
+
+    @property
+    def attached(self) -> Float[Tensor, "*batch n_attached n"]:
+        """Deflection at the dashpots, then at the sprung masses, over the dofs."""
+        return self.dashpot if self.carrier is None else concatenate([self.dashpot, self.carrier], 2)
+
+    def force(
+        self, laplace: Complex[Tensor, "*#batch n_frequency"]
+    ) -> Complex[Tensor, "*batch n_attached n_frequency"]:
+        """Dynamic stiffness of each row of `attached` [N/m]: s c of a dashpot, D(s) of a sprung mass."""
+        own = laplace[..., None, :] * self.viscous[..., None]
+        return own if self.sprung is None else concatenate([own, self.sprung.force(laplace)], 2)
+
+    def undamped(self) -> tuple[Float[Tensor, "*#batch n_all n_all"], Float[Tensor, "*#batch n_all n_all"]]:
+        """K and M with the motion of the sprung masses as further coordinates, after the dofs.
+
+        A mass may be zero: so that its coordinate still has a natural frequency, the least inertia of the link between
+        it and the plate is k / `STIFFEST`², which the plate does not feel where the mass is zero.
+        """
+        if self.sprung is None or self.carrier is None:
+            return self.stiffness, self.mass
+        mass, stiffness = self.sprung.mass, self.sprung.stiffness
+        own = torch.eye(self.carrier.shape[-2]).to(self.carrier)
+        zero = self.carrier.new_zeros(own.shape[0], self.stiffness.shape[-1])
+        link, hung = concatenate([self.carrier, -own], 1), concatenate([zero, own], 1)
+        n = len(own)
+        found = []
+        for matrix, of_link, of_mass in (
+            (self.stiffness, stiffness, None),
+            (self.mass, stiffness / STIFFEST**2, mass),
+        ):
+            whole = torch.nn.functional.pad(matrix, (0, n, 0, n)) + link.mT @ (of_link[..., None] * link)
+            found.append(whole if of_mass is None else whole + hung.mT @ (of_mass[..., None] * hung))
+        return found[0], found[1]
+
+
+def concatenate(parts: Sequence[Tensor], n_last: int) -> Tensor:
+    """Parts put together along the first of their last `n_last` dimensions, whatever batch each has."""
+    batch = torch.broadcast_shapes(*(part.shape[:-n_last] for part in parts))
+    return torch.cat([part.expand(*batch, *part.shape[-n_last:]) for part in parts], dim=-n_last)

@@ -17,7 +17,11 @@ NEVER = frozenset({"plate", "support_spring", "mesh_discretisation"})
 
 def nameable() -> list[str]:
     """Effects of the catalogue that may be named as missing."""
-    return [name for name in CATALOGUE if name not in NEVER]
+    return [
+        name
+        for name, kind in CATALOGUE.items()
+        if name not in NEVER and (not kind.parameters or any(own.prior is not None for own in kind.parameters.values()))
+    ]
 
 
 class Trial(NamedTuple):

@@ -42,7 +42,7 @@ def candidates(
     plan = model.plan(theta)
     found = []
     for name, kind in CATALOGUE.items():
-        if name in NEVER:
+        if name in NEVER or not kind.may_be_missing(plan.section):
             continue
         for chosen in _choices(kind, model, channels, rearranged):
             effect = kind(**chosen)

@@ -46,9 +46,11 @@ def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], ta
     """All combinations of places and values, or one value at a time where there would be too many."""
     axes: dict[str, Sequence[float]] = {}
     settings = SETTINGS.trials
+    # What has a size, or a frequency of its own, shows over a wide part of the plate, or hardly by its place alone.
+    widely = any(key not in ("x", "y") and key not in neutral for key in searched)
     for key, interval in searched.items():
         if key in ("x", "y"):
-            axes[key] = settings.spread if "size" in searched else settings.places
+            axes[key] = settings.spread if widely else settings.places
         elif key == "size":
             axes[key] = settings.sizes
         elif tangent:

@@ -1,0 +1,66 @@
+"""A hole whose corners are numbers, against the same hole left out of the mesh."""
+
+import pytest
+import torch
+
+from torchplate.effects import CutOut, HystereticDamping, Plate
+from torchplate.model import PlateModel, SparseModel
+from torchplate.plate import Mesh
+
+NONE = torch.zeros(0, dtype=torch.float64)
+METAL = {
+    "plate.youngs_modulus": 69e9, "plate.poisson_ratio": 0.31, "plate.density": 2710.0, "plate.thickness": 0.0031,
+}  # fmt: skip
+HOLES = {"hole": (0.3, 0.25, 0.6, 0.5), "notch": (0.7, 0.25, 1.0, 0.5), "corner": (0.7, 0.0, 1.0, 0.5)}
+LINES = torch.linspace(20.0, 500.0, 121, dtype=torch.float64)
+SIDES, CELLS = (0.5, 0.4), (10, 8)
+
+
+def build(corners: tuple[float, ...] | None, cut: tuple[tuple[float, ...], ...] = (), refine: int = 1) -> PlateModel:
+    effects, known = {"plate": Plate(), "loss": HystereticDamping()}, METAL | {"loss.stiffness_loss_factor": 0.01}
+    if corners is not None:
+        effects["hole"] = CutOut()
+        known |= {f"hole.{name}": value for name, value in zip(CutOut.parameters, corners, strict=True)}
+    mesh = Mesh(*SIDES, *CELLS, refine=refine, cut=cut)
+    return PlateModel(mesh, effects, known, response=[3, (0.15, 0.9)], reference=[(0.05, 0.1)])
+
+
+@pytest.mark.parametrize("name", list(HOLES))
+def test_on_lines_of_the_mesh_it_is_the_hole_that_is_left_out(name: str) -> None:
+    corners = HOLES[name]
+    smooth, known = build(corners), build(None, (corners,))
+    # A 1e-6 of the stiffness is left, and each mode feels it less than that.
+    torch.testing.assert_close(
+        smooth.natural_frequencies(NONE, 12)[3:], known.natural_frequencies(NONE, 12)[3:], rtol=2e-4, atol=0
+    )
+    found, expected = smooth.frf(NONE, LINES), known.frf(NONE, LINES)
+    # Of a resonance of 1 % width the shift is seen a hundred times over.
+    assert float((found - expected).norm() / expected.norm()) < 1e-2
+
+
+def test_what_is_left_of_it_vibrates_far_above_the_band() -> None:
+    found = build(HOLES["hole"]).natural_frequencies(NONE, 30)
+    expected = build(None, (HOLES["hole"],)).natural_frequencies(NONE, 30)
+    torch.testing.assert_close(found[3:], expected[3:], rtol=1e-3, atol=0)
+
+
+def test_its_corners_may_come_in_any_order_and_reach_over_the_plate() -> None:
+    x0, y0, x1, y1 = HOLES["hole"]
+    expected = build(HOLES["hole"]).natural_frequencies(NONE, 8)
+    torch.testing.assert_close(build((x1, y0, x0, y1)).natural_frequencies(NONE, 8), expected)
+    torch.testing.assert_close(build((x1, y1, x0, y0)).natural_frequencies(NONE, 8), expected)
+
+
+def test_between_lines_of_the_mesh_its_error_falls_with_the_mesh() -> None:
+    corners = (0.32, 0.3, 0.58, 0.55)
+    # On lines of a mesh of 50 × 40.
+    coarse, fine, exact = (SparseModel(build(corners, refine=k), NONE).modes(9).frequency[3:9] for k in (1, 3, 5))
+    off = [float((found / exact - 1).abs().max()) for found in (coarse, fine)]
+    # Measured 4.1 and 1.1 %, the mesh's own error in it.
+    assert off[1] < 0.5 * off[0]
+    assert off[0] < 0.05
+
+
+def test_without_an_extent_it_is_not_there() -> None:
+    found = build((0.4, 0.2, 0.4, 0.7)).frf(NONE, LINES)
+    torch.testing.assert_close(found, build(None).frf(NONE, LINES), rtol=1e-7, atol=0)  # rounding
