@@ -156,3 +156,10 @@ def test_each_way_to_be_off_changes_the_frfs_as_it_is_said(index):
     after, before = (specimens.at(off + sign * step).frf(NOBODY, LINES) for sign in (1, -1))
     wanted = (after - before) / 2e-4
     assert float((columns[..., index] - wanted).norm() / wanted.norm()) < 5e-3
+
+
+def test_a_specimen_with_one_effect_more_is_the_same_specimen():
+    model = Specimens(reduced(plate()), NOBODY, WANDERING, 0.2, 3).at(torch.cat([SHIFT, SHIFT[:3]]))
+    effects = {**model.effects, "amplifier": CATALOGUE["sensor_gain"]()}
+    more = model.replaced(effects=effects, known=model.known_values | {"amplifier.gain": 1.0})
+    assert torch.equal(more.frf(NOBODY, LINES), model.frf(NOBODY, LINES))

@@ -192,8 +192,8 @@ class PlateModel(nn.Module):
     ) -> "PlateModel":
         """A model of the same mesh, assembly and channels, and of other effects or numbers.
 
-        What is left out stays as it is; of effects that are no longer there it goes. An effect that has split the mesh
-        goes too, since the mesh is already what it has made of it.
+        What is left out stays as it is, dampings that are off their law too; of effects that are no longer there it goes.
+        An effect that has split the mesh goes too, since the mesh is already what it has made of it.
 
         Args:
             effects: label → effect.
@@ -208,7 +208,7 @@ class PlateModel(nn.Module):
         parameters = {f"{label}.{name}" for label, effect in kept.items() for name in effect.parameters}
         own = {key: value for key, value in self.known_values.items() if key in parameters}
         box = {key: interval for key, interval in self.searched.items() if key in parameters}
-        return PlateModel(
+        found = PlateModel(
             self.mesh,
             kept,
             own if known is None else known,
@@ -219,6 +219,8 @@ class PlateModel(nn.Module):
             self.memory,
             self.assembly,
         ).to(self.known.device)
+        found.damping_factor, found.couples_modes = self.damping_factor, self.couples_modes
+        return found
 
     def extra_repr(self) -> str:
         """One line for `print(model)`."""
