@@ -62,6 +62,7 @@ class Joint:
         self.builder, self.model, self.specimens, self.prior = builder, model, specimens, prior
         self.target, self.settings = builder.target, builder.target.settings.fitting
         self.scale = dict(scale or {})
+        self._before: tuple[Tensor, Tensor, Marginal | None, int] | None = None
         self.std = model.known.new_tensor([self.scale.get(name, 1.0) for name in specimens.names])
 
     def descend(
@@ -188,26 +189,39 @@ class Joint:
 
     def _jacobian(self, position: Tensor, shift: Tensor, level: int, marginal: Marginal | None) -> Tensor:
         """Of the parameters by differences, of the specimen by its modes."""
-        target, problem, n = self.target, self._problem(shift, marginal), len(position)
+        problem, n = self._problem(shift, marginal), len(position)
 
         def along(where: Tensor) -> Tensor:
             return problem.residual(where, level)
 
-        here = along(position)
+        theta = self.model.space.to_si(position)
+        prediction = problem.predict(theta, level)
+        here = problem.deviations(prediction, theta, level)
         found = here.new_zeros(len(here) + len(shift), n + len(shift))
         if n:
             found[: len(here), :n] = JACOBIANS["forward"].differentiate(along, position[None], here[None])[0]
-        theta = self.model.space.to_si(position)
+        columns = self._columns(problem, theta, prediction, level)
+        found[: columns.shape[-1], n:] = columns.mT
+        found[len(here) :, n:] = torch.diag(self._weight(level, len(here)) / self.std)
+        return found
+
+    def _columns(self, problem: Problem, theta: Tensor, prediction: Tensor, level: int) -> Tensor:
+        """Of the specimen; those from before, where the FRFs have hardly moved since."""
+        target, marginal = self.target, problem.marginal
+        if self._before is not None:
+            known, there, beside, at = self._before
+            near = at == level and beside is marginal
+            if near and float((prediction - there).norm()) <= self.settings.still * float(prediction.norm()):
+                return known
         every = 1 if marginal is not None else target.smoothing.every
         columns = specimen_columns(problem.model, theta, target.frequency[::every], self.specimens).movedim(-1, 0)
         if target.gain_is_unknown:
             columns = columns * target.gain_of(problem.model, theta)
         if marginal is not None:
-            off = -marginal.whitened(marginal.over_noise(columns))
+            found = -marginal.whitened(marginal.over_noise(columns))
         else:
-            off = target.residual(columns, level) - target.residual(torch.zeros_like(columns[:1]), level)
-        found[: off.shape[-1], n:] = off.mT
-        found[len(here) :, n:] = torch.diag(self._weight(level, len(here)) / self.std)
+            found = target.residual(columns, level) - target.residual(torch.zeros_like(columns[:1]), level)
+        self._before = found, prediction, marginal, level
         return found
 
 

@@ -94,6 +94,32 @@ def through_matrices(modal: Modal, stiffness: Tensor, mass: Tensor, laplace: Ten
     return change.mT if swapped else change
 
 
+def through_each(
+    modal: Modal,
+    stiffness: Float[Tensor, "n_term n_mode n_mode"],
+    mass: Float[Tensor, "n_term n_mode n_mode"],
+    s: Tensor,
+) -> Complex[Tensor, "n_term n_frequency n_response n_reference"]:
+    """What several changes of stiffness and mass, in coordinates of all modes, do to the receptances, each alone."""
+    inverse = (1 / modal.denominator)[:, None]
+    left, right = modal.left * inverse, modal.right * inverse
+    fewer, more, swapped = (left, right, False) if left.shape[1] <= right.shape[1] else (right, left, True)
+    parts = []
+    for matrices, factor in ((stiffness, modal.kappa[:, 0]), (mass, s.square())):
+        some = matrices.flatten(1).any(-1)
+        whole = fewer.new_zeros(len(matrices), len(s), fewer.shape[1], more.shape[1])
+        if bool(some.any()):
+            # One real product for all lines and terms.
+            beside = matrices[some].movedim(0, 1).flatten(1)
+            felt = times_real(fewer.flatten(0, 1), beside).unflatten(-1, (-1, fewer.shape[-1]))
+            felt = felt.unflatten(0, fewer.shape[:2]).flatten(1, 2) @ more.mT
+            felt = felt.unflatten(1, (fewer.shape[1], -1)).movedim(2, 0)
+            whole[some] = factor[:, None, None] * felt
+        parts.append(whole)
+    change = -(parts[0] + parts[1])
+    return change.mT if swapped else change
+
+
 def times_real(complex_rows: Tensor, real: Tensor) -> Tensor:
     """Complex rows times a real matrix."""
     return torch.complex(complex_rows.real @ real, complex_rows.imag @ real)

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.discrepancy.modal_change import Modal, by_modes, of_mode, sum_of_modes, through_matrices
+from torchplate.discrepancy.modal_change import Modal, by_modes, of_mode, sum_of_modes, through_each, through_matrices
 from torchplate.discrepancy.second_order import SecondOrder
 from torchplate.discrepancy.specimen import Found, Specimens
 from torchplate.discrepancy.wandering import Elements, Wandering, terms
@@ -188,14 +188,10 @@ def specimen_columns(
         specimens: in the model's basis.
     """
     _, _, modal, to_reading = _apart(model, theta, frequency)
-    every = modal._replace(n_low=len(modal.eigenvalue))
-    shape, laplace = modal.shape, to_reading.chain.laplace
-    changes = [
-        to_reading(through_matrices(every, shape.mT @ stiffness @ shape, shape.mT @ mass @ shape, laplace))
-        for stiffness, mass in zip(specimens.stiffness, specimens.mass, strict=True)
-    ]
-    for m in range(len(specimens.names) - specimens.n_term):
-        changes.append(to_reading(_damped(modal, m, specimens.damping)))
+    shape = modal.shape
+    stiffness, mass = (shape.mT @ part @ shape for part in (specimens.stiffness, specimens.mass))
+    changes = [to_reading(one) for one in through_each(modal, stiffness, mass, to_reading.chain.laplace)]
+    changes += [to_reading(_damped(modal, m, specimens.damping)) for m in range(len(specimens.names) - len(changes))]
     return torch.stack(changes, dim=-1)
 
 

@@ -192,8 +192,8 @@ class PlateModel(nn.Module):
     ) -> "PlateModel":
         """A model of the same mesh, assembly and channels, and of other effects or numbers.
 
-        What is left out stays as it is, dampings that are off their law too; of effects that are no longer there it goes.
-        An effect that has split the mesh goes too, since the mesh is already what it has made of it.
+        What is left out stays as it is, dampings that are off their law too; of effects that are no longer there it
+        goes. An effect that has split the mesh goes too, since the mesh is already what it has made of it.
 
         Args:
             effects: label → effect.

@@ -97,6 +97,8 @@ class Fitting:
         little: fall of −2 ln L that is worth no further time [-].
         n_way: parts of the way of parameters and specimen together, at most [-]: linear nuisances anew at each.
         parts: of a single step that are tried, one after another, until one leads down [-].
+        still: part by which FRFs may move before what a specimen does to them is found anew [-]: a step of least
+            squares errs by no more than its Jacobian.
         farthest: a term of a section is put into the model with so many standard deviations at most [-]: a twentieth
             of its thickness.
     """
@@ -116,6 +118,7 @@ class Fitting:
     little: float = 1.0
     n_way: int = 16
     parts: tuple[float, ...] = (1.0, 0.5, 0.25)
+    still: float = 0.05
     farthest: float = 10.0
 
 
