@@ -51,7 +51,7 @@ def fitted(cost: float, information: Sequence[float] = (), **others: Any) -> Fit
         prediction=NONE,
         expected=NONE,
         judged=judged,
-        marginal=None,  # type: ignore[arg-type]
+        marginal=SimpleNamespace(about=None),  # type: ignore[arg-type]
         information=seen,
         **(fields | others),
     )

@@ -21,7 +21,9 @@ class Judged(NamedTuple):
         n: real numbers behind it.
         shift: posterior means of the nuisances in their standard deviations.
         second_order: part of the variance of a number that the second order of the nuisances makes, on the mean [-].
-        found: how far the section wanders, where that is among the nuisances.
+        found: the specimen, where it is among the nuisances.
+        complexity: the part of the cost that is not the data's: how improbable nuisances of the size found are, and how
+            well the data know them.
     """
 
     cost: float
@@ -32,6 +34,7 @@ class Judged(NamedTuple):
     shift: Float[Tensor, " n_nuisance"]
     second_order: float = 0.0
     found: Found | None = None
+    complexity: float = 0.0
 
 
 @dataclass(frozen=True)

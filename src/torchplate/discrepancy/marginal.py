@@ -254,13 +254,22 @@ class Marginal:
         root = self._root(scale)
         shift, k = mean * root, self._n_off
         found = Found(shift[:k], (root[:, None] * inverse * root)[:k, :k]) if k else None
-        return Judged(cost + prior, math.sqrt(noise), scales, white, self.n, shift, self._second_order, found)
+        data = self._cost_of_data(residual, shift, noise)
+        complexity = cost + prior - data
+        return Judged(
+            cost + prior, math.sqrt(noise), scales, white, self.n, shift, self._second_order, found, complexity
+        )
 
     def cost(self, residual: Float[Tensor, " n_residual"]) -> float:
         """−2 ln p but for n ln 2π, noise and nuisances as large as was said."""
         scale = torch.tensor([self.scale.get(name, 1.0) for name in self.names], dtype=torch.float64)
         along = self.along(residual) if len(self.names) else residual.new_zeros(0)
         return self._cost(float(residual.square().sum()), along, scale, 1.0)
+
+    def _cost_of_data(self, residual: Tensor, shift: Tensor, noise: float) -> float:
+        """The part of −2 ln p that the data have beside the nuisances as they were found, the rest being their own."""
+        left = residual - self.across(shift) if len(self.group) else residual
+        return self.n * math.log(noise) + float(left.square().sum()) / noise + self._log_variance
 
     def _cost(self, square: float, along: Tensor, scale: Tensor, noise: float) -> float:
         """−2 ln p but for n ln 2π."""

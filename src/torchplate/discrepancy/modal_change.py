@@ -14,7 +14,7 @@ from torchplate.model.impedance import own_damping
 from torchplate.model.modes import Modes, solve_modes
 from torchplate.plate import Plan
 
-# Modes up to this multiple of the band's end are followed where the plate changes: higher ones answer as a spring does.
+# Up to this multiple of the band's end a mode that moves is seen to move: higher ones answer as a spring does.
 REACH = 1.6
 
 
@@ -27,10 +27,13 @@ class Modal(NamedTuple):
         kappa: what λ is times in the denominator.
         damping: the part of the denominator that damps [rad²/s²].
         denominator: z.
+        bare: z without what is attached at places.
+        attached: Φ there.
+        force: dynamic stiffness there [N/m].
         own_damping: what damps each mode at its own frequency [rad²/s²].
         left: Φ at the responses.
         right: at the references.
-        n_low: modes that a change of the plate is followed through.
+        n_low: modes in the band and a little above it.
     """
 
     eigenvalue: Float[Tensor, " n_mode"]
@@ -38,6 +41,9 @@ class Modal(NamedTuple):
     kappa: Complex[Tensor, "n_frequency n_mode"]
     damping: Complex[Tensor, "n_frequency n_mode"]
     denominator: Complex[Tensor, "n_frequency n_mode"]
+    bare: Complex[Tensor, "n_frequency n_mode"]
+    attached: Float[Tensor, "n_attached n_mode"]
+    force: Complex[Tensor, "n_attached n_frequency"]
     own_damping: Float[Tensor, " n_mode"]
     left: Float[Tensor, "n_response n_mode"]
     right: Float[Tensor, "n_reference n_mode"]
@@ -49,22 +55,37 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
     system = model.assembly.system(*plan)
     eigenvalue, shape = solve_modes(system.stiffness, system.mass)
     real, imaginary = modal_denominator(eigenvalue, system.proportional, laplace)
-    denominator = torch.complex(real, imaginary)
-    denominator = denominator + system.force(laplace).mT @ (system.attached @ shape).square().to(laplace)
+    bare = torch.complex(real, imaginary)
     if system.hysteretic is not None:
-        denominator = denominator + 1j * (shape * (system.hysteretic @ shape)).sum(0)
+        bare = bare + 1j * (shape * (system.hysteretic @ shape)).sum(0)
     own = own_damping(modal_impedance(system, Modes(eigenvalue, shape), laplace), system.force)
     if model.damping_factor is not None:
         n = min(len(model.damping_factor), len(own))
         excess = pad((model.damping_factor[:n] - 1) * own[:n], (0, len(own) - n))
-        denominator, own = denominator + 1j * excess, own + excess
+        bare, own = bare + 1j * excess, own + excess
+    attached, force = system.attached @ shape, system.force(laplace)
+    denominator = bare + force.mT @ attached.square().to(force)
     plain = eigenvalue + laplace[:, None].square()
     kappa, _ = system.proportional.at(laplace)
     left = model.assembly.rows(model.mesh.deflection_at(response)) @ shape
     right = model.excitation(plan, reference) @ shape
     n_low = int((eigenvalue < (REACH * float(laplace.imag.max())) ** 2).sum())
     kappa = kappa[:, None].expand_as(denominator)
-    return Modal(eigenvalue, shape, kappa, denominator - plain, denominator, own, left, right, n_low)
+    damping = denominator - plain
+    return Modal(eigenvalue, shape, kappa, damping, denominator, bare, attached, force, own, left, right, n_low)
+
+
+def responses(modal: Modal, rows: Float[Tensor, "n_row n_mode"]) -> Complex[Tensor, "n_frequency n_row n_mode"]:
+    """Rows times Z⁻¹ at every line; what is attached at places couples the modes (Woodbury)."""
+    each = 1 / modal.bare[:, None]
+    plain = rows * each
+    if not len(modal.attached):
+        return plain
+    reach, force = modal.attached * each, modal.force.mT
+    between = reach @ modal.attached.mT.to(reach)
+    coupled = torch.eye(len(modal.attached)).to(between) + force[..., None] * between
+    carried = torch.linalg.solve(coupled, force[..., None] * reach)
+    return plain - (plain @ modal.attached.mT.to(plain)) @ carried
 
 
 def sum_of_modes(modal: Modal, left: Tensor, right: Tensor, weight: Tensor | None = None) -> Tensor:
@@ -80,20 +101,6 @@ def of_mode(modal: Modal, m: Tensor, change: Tensor) -> Tensor:
     return -(change / modal.denominator[:, m].square())[:, None, None] * outer
 
 
-def through_matrices(modal: Modal, stiffness: Tensor, mass: Tensor, laplace: Tensor) -> Tensor:
-    """What changes of stiffness and mass, in modal coordinates, do to the receptances."""
-    n_line = len(laplace)
-    n_low = modal.n_low
-    inverse = 1 / modal.denominator[:, None, :n_low]
-    left, right = modal.left[None, :, :n_low] * inverse, modal.right[None, :, :n_low] * inverse
-    fewer, more, swapped = (left, right, False) if left.shape[1] <= right.shape[1] else (right, left, True)
-    kappa, square = modal.kappa[:, :1, None], laplace.square()[:, None, None]
-    flat = fewer.reshape(-1, fewer.shape[-1])
-    parts = [times_real(flat, one).unflatten(0, (n_line, -1)) for one in (stiffness, mass)]
-    change = -((kappa * parts[0] + square * parts[1]) @ more.mT)
-    return change.mT if swapped else change
-
-
 def through_each(
     modal: Modal,
     stiffness: Float[Tensor, "n_term n_mode n_mode"],
@@ -101,8 +108,7 @@ def through_each(
     s: Tensor,
 ) -> Complex[Tensor, "n_term n_frequency n_response n_reference"]:
     """What several changes of stiffness and mass, in coordinates of all modes, do to the receptances, each alone."""
-    inverse = (1 / modal.denominator)[:, None]
-    left, right = modal.left * inverse, modal.right * inverse
+    left, right = responses(modal, modal.left), responses(modal, modal.right)
     fewer, more, swapped = (left, right, False) if left.shape[1] <= right.shape[1] else (right, left, True)
     parts = []
     for matrices, factor in ((stiffness, modal.kappa[:, 0]), (mass, s.square())):

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.discrepancy.modal_change import Modal, by_modes, of_mode, sum_of_modes, through_each, through_matrices
+from torchplate.discrepancy.modal_change import Modal, by_modes, of_mode, sum_of_modes, through_each
 from torchplate.discrepancy.second_order import SecondOrder
 from torchplate.discrepancy.specimen import Found, Specimens
 from torchplate.discrepancy.wandering import Elements, Wandering, terms
@@ -83,13 +83,14 @@ def nuisances(
     elastic = near[modal.eigenvalue[near] > 1e-6 * top]
 
     common: list[tuple[str, Tensor]] = []
-    elements = Elements(model, plan, modal.shape[:, : modal.n_low])
-    wander = [
-        (one.name, elements.stiffness(one.stiffness, one.coefficient), elements.mass(one.mass))
-        for one in terms(model, plan, wandering)
-    ]
-    for name, stiffness, mass in wander:
-        common.append((name, to_reading(through_matrices(modal, stiffness, mass, chain.laplace))))
+    elements, every = Elements(model, plan, modal.shape), terms(model, plan, wandering)
+    nothing = modal.shape.new_zeros(0, len(modal.eigenvalue), len(modal.eigenvalue))
+    stiffness, mass = (
+        torch.stack([elements.stiffness(one.stiffness, one.coefficient) for one in every]) if every else nothing,
+        torch.stack([elements.mass(one.mass) for one in every]) if every else nothing,
+    )
+    for one, change in zip(every, through_each(modal, stiffness, mass, chain.laplace), strict=True):
+        common.append((one.name, to_reading(change)))
     damped = imperfections.std("damping_scatter")
     if damped > 0:
         common += [("damping_scatter", to_reading(_damped(modal, m, damped))) for m in range(len(near))]
@@ -134,20 +135,17 @@ def nuisances(
         (other if n_reference >= n_response else own).append(("frequency_drift", change))
 
     nothing = torch.zeros_like(modal.eigenvalue)
-    moving = {"frequency_drift": 2 * drift * modal.eigenvalue, "mesh": nothing.clone()}
+    moving: dict[str, Tensor] = {"frequency_drift": 2 * drift * modal.eigenvalue, "mesh": nothing.clone()}
     moving["mesh"][elastic] = 2 * shift * modal.eigenvalue[elastic]
-    low = torch.arange(modal.n_low)
-    each = nothing.new_zeros(len(nothing), len(wander))
-    moves = [stiffness.diagonal() - modal.eigenvalue[: modal.n_low] * mass.diagonal() for _, stiffness, mass in wander]
+    # By each term, of the modes in the band and a little above it.
+    each = (stiffness - modal.eigenvalue * mass).diagonal(dim1=-2, dim2=-1).mT.clone()
+    each[modal.n_low :] = 0.0
     if about is None:
-        for (name, _, _), diagonal in zip(wander, moves, strict=True):
-            before = moving.get(name, nothing)
-            moving[name] = before.square().index_add(0, low, diagonal.square()).sqrt()
-    if wander:
-        each[: modal.n_low] = torch.stack(moves, dim=-1)
+        for one, moved in zip(every, each.mT, strict=True):
+            moving[one.name] = (moving.get(one.name, nothing).square() + moved.square()).sqrt()
     scatter = torch.full_like(modal.eigenvalue, damped)
     if about is not None:
-        k = len(wander)
+        k = len(every)
         moving["found"] = ((each @ about.spread[:k, :k]) * each).sum(-1).clamp(min=0).sqrt()
         known = about.spread.diagonal()[k:].clamp(min=0).sqrt()
         scatter[: len(known)] *= known

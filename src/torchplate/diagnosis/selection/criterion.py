@@ -3,17 +3,18 @@
 A hypothesis is the model with one more effect. With θ on the unit cube, P the precision of its prior (12 for a uniform
 one, 1/σ² for what a ruler says) and A the information of the data, Laplace's approximation about the refit gives
 
-    −2 ln Z = w (−2 ln L) + Σ ((θ − μ)/σ)² + ln |P + wA| − ln |P|,
+    −2 ln Z = w (−2 ln L) + C + Σ ((θ − μ)/σ)² + ln |P + wA| − ln |P|,
 
-L with the nuisances integrated out. w tempers the likelihood, because noise and nuisances are not known any better: n
-numbers count as n_eff = w n. Where noise is left, 1/n_eff = 1/n + ε; where more is left, the rest is not
-independent from line to line, and it says no more than there are frequencies, dampings and deflections of modes:
+L the likelihood beside the nuisances as they were found, C what these cost: how improbable they are, and ln |I + K|. w
+tempers the likelihood, because noise and nuisances are not known any better: n numbers count as n_eff = w n. Where
+noise is left, 1/n_eff = 1/n + ε; where more is left, the rest is not independent from line to line, and it says no
+more than there are frequencies, dampings and deflections of modes:
 
-    1/n_eff = (1 − u − v) / n₀ + u / min(n₀, n_modal) + v / min(n₀, 2 n_mode),    1/n₀ = 1/n + ε,
+    1/n_eff = (1 − u − v) / n₀ + u / min(n₀, n_modal) + v / min(n₀, n_second),    1/n₀ = 1/n + ε,
 
 u = (1 − v) (1 − 1/κ²) the part of what is left that is not noise, and v the part of the variance that the second order
-of the nuisances makes: modes that wander by more than their width, each with a frequency and a damping that all FRFs
-share.
+of the nuisances makes. About a uniform section these are modes that wander by more than their width, each with a
+frequency and a damping that all FRFs share: n_second = 2 n_mode. About a specimen they are of each channel: n_modal.
 
 Sources: Tierney and Kadane, J. American Statistical Association 81 (1986) 82, for Laplace's approximation; Kass and
 Raftery, ibid. 90 (1995) 773, for Bayes factors; Miller and Dunson, ibid. 114 (2019) 1113, for tempering by what the
@@ -110,7 +111,8 @@ def evidence(fit: Fit, weight: float) -> float:
         scaled = torch.eye(len(prior)).to(prior) + weight * root[:, None] * fit.information * root
         occam = float(torch.linalg.slogdet(scaled).logabsdet)
     on_bound = -2 * math.log(fit.comparison.on_bound) * fit.n_on_bound
-    return weight * fit.judged.cost + fit.prior + occam + on_bound
+    judged = fit.judged
+    return weight * (judged.cost - judged.complexity) + judged.complexity + fit.prior + occam + on_bound
 
 
 def weight_of(fits: Sequence[Fit]) -> float:
@@ -121,7 +123,8 @@ def weight_of(fits: Sequence[Fit]) -> float:
     unexplained = (1 - second) * max(0.0, 1 - 1 / max(1e-9, best.judged.noise_scale) ** 2)
     independent = 1 / n + best.comparison.misspecified
     # What is left of few lines, or of very many modes, says no more than as many independent numbers do.
-    shared = unexplained * max(independent, 1 / best.n_modal) + second * max(independent, 1 / (2 * best.n_mode))
+    of_second = 2 * best.n_mode if best.about is None else best.n_modal
+    shared = unexplained * max(independent, 1 / best.n_modal) + second * max(independent, 1 / of_second)
     return min(1.0, 1 / (n * ((1 - second - unexplained) * independent + shared)))
 
 
