@@ -25,6 +25,7 @@ from torchplate.diagnosis.selection.criterion import (
 from torchplate.diagnosis.settings import Comparison
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy.judged import Judged
+from torchplate.discrepancy.specimen import Found
 from torchplate.effects import CATALOGUE
 
 N = 2000.0
@@ -184,6 +185,23 @@ def test_where_modes_wander_by_more_than_their_width_they_count_by_their_number(
     found = [weight_of([fitted(0.0, second_order=part)]) * N for part in (0.0, 0.3, 0.9, 1.0)]
     assert found == sorted(found, reverse=True)
     assert found[-1] == pytest.approx(2 * 10)
+
+
+def test_about_a_specimen_what_the_second_order_leaves_is_of_each_channel():
+    known = SimpleNamespace(about=Found(NONE, torch.zeros(0, 0, dtype=torch.float64)))
+    found = fitted(0.0, second_order=1.0)._replace(marginal=known)
+    assert weight_of([found]) * N == pytest.approx(300.0)
+
+
+def test_what_nuisances_cost_is_not_tempered():
+    """A thickness that would have to wander far is as improbable however many lines say so."""
+    plain, wide = (fitted(cost, complexity=cost, n=1e6) for cost in (0.0, 40.0))
+    weight = weight_of([plain])
+    assert weight < 0.02
+    assert evidence(wide, weight) - evidence(plain, weight) == pytest.approx(40.0)
+    # The same fall of the data's part is worth no more than the model of the noise is.
+    worse = fitted(40.0, n=1e6)
+    assert evidence(worse, weight) - evidence(plain, weight) == pytest.approx(weight * 40.0)
 
 
 def test_the_fit_that_leaves_least_says_what_numbers_are_worth():
