@@ -53,7 +53,8 @@ def stopped(bench, make_config, command, monkeypatch):
         made.append(1)
         return least_squares(*arguments, **settings)
 
-    monkeypatch.setattr("torchplate.diagnosis.problem.least_squares", counted)
+    for room in ("problem", "joint"):
+        monkeypatch.setattr(f"torchplate.diagnosis.{room}.least_squares", counted)
     assert command("diagnose", path, "--out", out)[0] == 130
     made.clear()
     return path, out, made

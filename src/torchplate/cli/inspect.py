@@ -177,7 +177,7 @@ def _peaks(quality: Quality) -> str:
 
 def _channels(measurement: Measurement, quality: Quality) -> Table:
     table = Table(title="Channels", title_justify="left", box=None, padding=(0, 2), header_style="dim")
-    heads = ["FRF", escape(f"rms level [{measurement.unit}]"), "line noise"]
+    heads = ["FRF", f"rms level [{measurement.unit}]", "line noise"]
     coherence = {c.label: c for c in quality.coherence}
     heads += ["coherence mean", "median", "below 0.8"] if coherence else []
     for index, head in enumerate(heads):

@@ -89,8 +89,8 @@ def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | No
     if about is None:
         wide, nothing = target.settings.wide, starts.new_zeros(0)
         ends = [joint.descend(one, nothing, sharp - 1, wide.n_iteration[-1], wide.damping) for one in starts]
-        best = min(ends, key=lambda one: one.value)
-        return joint.descend_sharply(best.position, best.found.shift)
+        position, shift, _ = min(ends, key=lambda one: one[2])
+        return joint.descend_sharply(position, shift)
     start = starts[0]
     if len(starts) > 1:
         places, values, _ = joint.beside(start, about).descend(starts, sharp, settings.n_together)

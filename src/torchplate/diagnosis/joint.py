@@ -73,7 +73,7 @@ class Joint:
         n_iteration: int,
         damping: float,
         marginal: Marginal | None = None,
-    ) -> Ended:
+    ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n_off"], float]:
         """Least squares in parameters and specimen from one place, at one level.
 
         Args:
@@ -83,6 +83,9 @@ class Joint:
             n_iteration: at most.
             damping: of the first step.
             marginal: noise and the other nuisances, for the sharp level; left out, about the start.
+
+        Returns:
+            Position, shift, and half the sum of squares there, priors included.
         """
         sharp = level == self.target.levels - 1
         n, far = len(position), 2 * self.settings.farthest
@@ -115,13 +118,13 @@ class Joint:
             n_evaluation = self.builder.n_evaluation - before
             return Descent(start, ended.position, ended.objective, n_evaluation, ended.jacobian)
 
+        # What a descent does hangs on its start alone, so that it can be recalled.
+        self._before = None
         ended, known = recalled(start, descend)
         if known:
             self.builder.count(ended.n_evaluation)
-        slope = _times((jacobian(ended.position) if known else ended.jacobian)[0], n, 1 / far)
         place = ended.position[0]
-        spread = torch.linalg.pinv(slope.mT @ slope, hermitian=True, rtol=1e-12)[n:, n:]
-        return Ended(place[:n], Found(far * (place[n:] - 0.5), spread), float(ended.objective[0]))
+        return place[:n], far * (place[n:] - 0.5), float(ended.objective[0])
 
     def descend_sharply(self, position: Float[Tensor, " n"], shift: Float[Tensor, " n_known"]) -> Ended:
         """At the sharp level, the other nuisances linear about where each part of the way begins.
@@ -131,12 +134,10 @@ class Joint:
         """
         settings, sharp = self.settings, self.target.levels - 1
         here, value, n_iteration = (position, self._known(shift)), math.inf, settings.n_together
-        spread = torch.eye(len(self.std)).to(self.std)
         marginal, cost = self._judged(*here)
         for _ in range(settings.n_way):
-            ended = self.descend(*here, sharp, n_iteration, settings.damping, marginal)
-            value, spread = min(value, ended.value), ended.found.spread
-            end = ended.position, ended.found.shift
+            *end, half = self.descend(*here, sharp, n_iteration, settings.damping, marginal)
+            value = min(value, half)
             for part in settings.parts if n_iteration == 1 else (1.0,):
                 there = torch.lerp(here[0], end[0], part), torch.lerp(here[1], end[1], part)
                 beside, after = self._judged(*there)
@@ -145,10 +146,14 @@ class Joint:
             fallen = cost - after
             if fallen > 0:
                 here, marginal, cost = there, beside, after
-            if fallen < settings.little:
+            if fallen < max(settings.little, 2 * settings.tolerance * value):
                 if n_iteration == 1 or fallen > 0:
                     break
                 n_iteration = 1
+        self._before = None
+        slope = self._jacobian(*here, sharp, marginal)
+        n = len(position)
+        spread = torch.linalg.pinv(slope.mT @ slope, hermitian=True, rtol=1e-12)[n:, n:]
         return Ended(here[0], Found(here[1], spread), value)
 
     def beside(self, position: Float[Tensor, " n"], about: Found) -> Problem:

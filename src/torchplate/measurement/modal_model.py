@@ -164,7 +164,7 @@ def read_modal_table(path: Path) -> ModalModel:
     mark = ";" if ";" in first else "\t" if "\t" in first else ","
     rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=mark, skipinitialspace=True)]
     if not rows or tuple(cell.lower() for cell in rows[0][: len(HEAD)]) != HEAD or len(rows[0]) == len(HEAD):
-        came = f"'{first[:60]}'" if first else "an empty file"
+        came = f"{first[:60]!r}" if first else "an empty file"
         raise MeasurementError(
             f"{path}: expected a first line '{', '.join(HEAD)}' and a column for each point after it, got {came}. "
             f"{EXAMPLE}; without shapes give measurement.natural_frequencies."
