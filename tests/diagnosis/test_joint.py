@@ -94,6 +94,15 @@ def test_no_way_ends_less_probable_than_it_began(workshop, seed):
 
 
 @torch.no_grad()
+def test_a_step_that_leads_up_is_not_taken(workshop, monkeypatch):
+    """Nor half of it, nor a quarter."""
+    position = workshop.builder.given.space.to_cube(TRUTH)
+    monkeypatch.setattr(workshop.joint, "descend", lambda where, shift, *_: (where + 0.2, shift, 1.0))
+    ended = workshop.joint.descend_sharply(position, workshop.shift)
+    assert torch.equal(ended.position, position)
+
+
+@torch.no_grad()
 def test_what_is_known_of_a_specimen_is_where_the_next_fit_begins(workshop):
     builder = workshop.builder
     first = fit_from_the_box(builder, builder.given, {})
