@@ -1,5 +1,6 @@
 """Parameters and specimen fitted at once: what a fit finds of a plate that is not quite the one that was meant."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -79,13 +80,13 @@ def test_no_way_ends_less_probable_than_it_began(workshop, seed):
     joint, generator = workshop.joint, torch.Generator().manual_seed(seed)
     shift = workshop.shift + 0.5 * torch.randn(len(workshop.shift), generator=generator, dtype=torch.float64)
     position = workshop.builder.given.space.to_cube(TRUTH) + 0.002
-    before = joint._judged(position, shift)[1]
+    before = joint._judged(position, shift, None)[1]
     ended = joint.descend_sharply(position, shift)
     after, truth = (
-        joint._judged(where, off)[1]
-        for where, off in (
-            (ended.position, ended.found.shift),
-            (workshop.builder.given.space.to_cube(TRUTH), workshop.shift),
+        joint._judged(where, off, places)[1]
+        for where, off, places in (
+            (ended.position, ended.found.shift, ended.found.places),
+            (workshop.builder.given.space.to_cube(TRUTH), workshop.shift, None),
         )
     )
     assert after < before
@@ -111,3 +112,32 @@ def test_what_is_known_of_a_specimen_is_where_the_next_fit_begins(workshop):
     again = fit(builder, builder.given, start, {}, wide=False, about=first.about)
     assert again.cost == pytest.approx(first.cost, abs=3.0)
     assert builder.n_evaluation - before < before / 3
+
+
+@torch.no_grad()
+def test_hits_far_off_their_marks_are_found_where_they_were(workshop):
+    """Seven standard deviations, so far that what they do to an FRF is not linear in the distance any more."""
+    builder, far = workshop.builder, 2e-3 / TOLD.position_std
+    off = torch.zeros(len(REFERENCE), 2, dtype=torch.float64)
+    off[1], off[3] = torch.tensor([0.3, 0.35]) * far, torch.tensor([-0.35, 0.2]) * far
+    response = torch.zeros(len(RESPONSE), 2, dtype=torch.float64)
+    response[0] = torch.tensor([0.15, -0.3]) * far
+    sides = torch.tensor([0.43, 0.3], dtype=torch.float64)
+    moved = workshop.specimens.at(workshop.shift).with_places_off(
+        response * TOLD.position_std / sides, off * TOLD.position_std / sides
+    )
+    frf = moved.frf(TRUTH, LINES)
+    noise = frf.detach() - frf + builder.target.measured - workshop.frf
+    twin = replace(builder.target, measurement=replace(builder.target.measurement, frf=frf + noise))
+    against = builder.against(twin)
+    joint = Joint(against, against.given, workshop.specimens, {})
+    ended = joint.descend_sharply(against.given.space.to_cube(TRUTH), workshop.shift)
+    places = ended.found.places
+    # What is said of a place goes beside a specimen that is known; one that is fitted too moves it by some more.
+    assert bool(((places.response - response).abs() < 0.5 + 3 * places.response_left).all())
+    assert bool(((places.reference - off).abs() < 0.5 + 3 * places.reference_left).all())
+    assert float(places.reference_left.max()) < 0.7
+    # Noise alone is left: χ²/n of some 8,000 numbers scatters by 1.6 %.
+    marginal = joint._beside(ended.position, ended.found.shift, places)
+    left = twin.off(against.predict(workshop.specimens.at(ended.found.shift, places), TRUTH))
+    assert float(marginal.whitened(marginal.residual(left)).square().mean()) < 1.05

@@ -100,6 +100,32 @@ def test_places_of_sensors_and_hits_move_readings_by_the_slope(axis):
         assert off(own[..., axis], expected) < UNCOUPLED
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_what_a_sensor_weighs_moves_with_it(axis):
+    """A mass at the second response's mark: all FRFs feel where it sits, and its own ones where it reads, too."""
+    bare = plate()
+    mark = bare.mesh.places([RESPONSE[1]])[0]
+    effects = bare.effects | {"sensor": CATALOGUE["point_mass"](), "lump": CATALOGUE["point_mass"]()}
+    own = {"sensor.x": float(mark[0]), "sensor.y": float(mark[1]), "sensor.mass": 0.03}
+    elsewhere = {"lump.x": 0.37, "lump.y": 0.8, "lump.mass": 0.02}
+    model = PlateModel(bare.mesh, effects, KNOWN | own | elsewhere, {}, RESPONSE, REFERENCE, "accelerance")
+    assert model.carried() == {"sensor": 1}
+    std, step = 2e-3, 1e-5
+    told = Imperfections(std, 0.0, 0.0, 0.0)
+    columns = nuisances(model, NOBODY, LINES, told, UNIFORM, torch.zeros_like(LINES))
+    moved = torch.zeros(2, 2, dtype=torch.float64)
+    moved[1, axis] = step / SIDES[axis]
+    still = torch.zeros(3, 2, dtype=torch.float64)
+    above, below = (model.with_places_off(sign * moved, still).frf(NOBODY, LINES) for sign in (1, -1))
+    wanted = std * (above - below) / (2 * step)
+    # A product of two sums over uncoupled modes is off by twice as much as one.
+    assert off(columns.common[..., columns.carried[1] + axis], wanted) < 2 * UNCOUPLED
+    # The readings of the first response change by the mass alone, which is not among what that response has of its own.
+    assert float(wanted[:, 0].norm()) > 0.01 * float(wanted[:, 1].norm())
+    assert float(columns.by_response[:, 1, :, axis].abs().max()) == 0
+    assert float(columns.by_response[:, 0, :, axis].abs().max()) > 0
+
+
 def test_wires_off_their_marks_change_what_wires_elsewhere_do():
     columns = found(Imperfections(2e-3, 0.0, 0.0, 0.0))
     places = [tuple(one) for one in plate().mesh.places([2, 10, 61, 69]).tolist()]

@@ -131,6 +131,30 @@ def test_points_and_kind_left_out_are_those_of_the_measurement(plates, relative_
     assert relative_error(other, bare.frf(plates.nothing, frequency, [3], [5], kind="mobility")) == 0
 
 
+@pytest.mark.parametrize("kind", ["accelerance", "transmissibility"])
+def test_sensors_and_hits_off_their_marks_read_what_is_there(plates, relative_error, kind: str) -> None:
+    edges = {"x0": "clamped"} if kind == "transmissibility" else {}
+    mesh = Mesh(0.7, 0.4, 5, 3, edges=edges)
+    model, hits = plates.build(mesh, {"lump.mass": 0.2}, INTERVALS), [7, (0.35, 0.8)]
+    model.response, model.kind = [3, (0.6, 0.7)], kind
+    model.reference = hits if kind == "accelerance" else None
+    theta, frequency = members(model, seed=3), lines(plates, mesh)
+    response, reference = (
+        torch.tensor(off, dtype=torch.float64) for off in ([[0.01, -0.02], [0, 0.03]], [[-0.02, 0.01], [0.015, 0]])
+    )
+    off = model.with_places_off(response, reference if model.reference else None)
+    places = mesh.places([3, (0.6, 0.7)]) + response
+    struck = mesh.places(hits) + reference if model.reference else None
+    wanted = model.frf(theta, frequency, places, struck)
+    assert relative_error(off.frf(theta, frequency), wanted) < 1e-12
+    assert relative_error(off.frf_direct(theta, frequency), wanted) < 1e-9
+    # Points that are asked for are where they are asked for; put back on its marks a model is as it was.
+    given = hits if model.reference else None
+    assert relative_error(off.frf(theta, frequency, [3, (0.6, 0.7)], given), model.frf(theta, frequency)) < 1e-12
+    assert relative_error(off.with_places_off(None).frf(theta, frequency), model.frf(theta, frequency)) < 1e-12
+    assert relative_error(wanted, model.frf(theta, frequency)) > 1e-3
+
+
 def test_a_response_may_sit_on_a_node_that_the_mesh_holds(plates) -> None:
     mesh = Mesh(0.7, 0.4, 5, 3, edges={"x0": "clamped"})
     found = plates.build(mesh).frf(plates.nothing, lines(plates, mesh), [1, 3], [7, 10])

@@ -49,10 +49,10 @@ def exchanged(
     Args:
         heldout: the choice.
         measured: which FRFs there are.
-        misfit: mean square of the residuals of each over their variance, at the baseline.
+        misfit: mean square of the residuals of each over what is expected of them, at the baseline.
     """
     middle = float(misfit[measured].median())
-    odd = heldout & (misfit > SETTINGS.holding_out.outlier * middle)
+    odd = heldout & (misfit > SETTINGS.holding_out.outlier * max(1.0, middle))
     if not bool(odd.any()):
         return heldout
     chosen = heldout & ~odd
@@ -72,9 +72,9 @@ def outliers(
 
     Args:
         measured: which FRFs there are.
-        misfit: mean square of the residuals of each over their variance, at the baseline.
+        misfit: mean square of the residuals of each over what is expected of them, at the baseline.
     """
     if int(measured.sum()) < SETTINGS.holding_out.few:
         return torch.zeros_like(measured)
-    odd = measured & (misfit > SETTINGS.holding_out.outlier * misfit[measured].median())
+    odd = measured & (misfit > SETTINGS.holding_out.outlier * misfit[measured].median().clamp(min=1.0))
     return odd if int(odd.sum()) <= int(measured.sum()) / SETTINGS.holding_out.one_in else torch.zeros_like(measured)

@@ -4,7 +4,7 @@ A section that wanders by a part of a per cent moves modes by more than the widt
 is off by a tenth shows far above a good test's noise. The FRFs are not linear in either, and a fit of the parameters
 alone, beside a covariance, ends wherever the peaks happen to catch. Here both are unknowns of one least squares, each
 term of the specimen with its own prior: first where spectra are smoothed a little, then at the sharp level beside the
-nuisances that are left.
+nuisances that are left. Places of sensors and hits are among these, and taken anew wherever they are looked at again.
 """
 
 import math
@@ -19,7 +19,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.nuisance import specimen_columns
-from torchplate.discrepancy.specimen import Found, Specimens
+from torchplate.discrepancy.specimen import Found, Places, Specimens
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
 from torchplate.search.least_squares import least_squares
@@ -73,6 +73,7 @@ class Joint:
         n_iteration: int,
         damping: float,
         marginal: Marginal | None = None,
+        places: Places | None = None,
     ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n_off"], float]:
         """Least squares in parameters and specimen from one place, at one level.
 
@@ -83,6 +84,7 @@ class Joint:
             n_iteration: at most.
             damping: of the first step.
             marginal: noise and the other nuisances, for the sharp level; left out, about the start.
+            places: of sensors and hits, which stay as they are.
 
         Returns:
             Position, shift, and half the sum of squares there, priors included.
@@ -91,15 +93,15 @@ class Joint:
         n, far = len(position), 2 * self.settings.farthest
         shift = self._known(shift)
         if sharp and marginal is None:
-            marginal = self._beside(position, shift)
+            marginal = self._beside(position, shift, places)
 
-        def residual(places: Float[Tensor, "*batch n_both"]) -> Float[Tensor, "*batch n_residual"]:
-            rows = [self._residual(row[:n], far * (row[n:] - 0.5), level, marginal) for row in _rows(places)]
-            return torch.stack(rows).unflatten(0, places.shape[:-1])
+        def residual(whole: Float[Tensor, "*batch n_both"]) -> Float[Tensor, "*batch n_residual"]:
+            rows = [self._residual(row[:n], far * (row[n:] - 0.5), places, level, marginal) for row in _rows(whole)]
+            return torch.stack(rows).unflatten(0, whole.shape[:-1])
 
-        def jacobian(places: Float[Tensor, "*batch n_both"]) -> Float[Tensor, "*batch n_residual n_both"]:
-            rows = [self._jacobian(row[:n], far * (row[n:] - 0.5), level, marginal) for row in _rows(places)]
-            return torch.stack([_times(one, n, far) for one in rows]).unflatten(0, places.shape[:-1])
+        def jacobian(whole: Float[Tensor, "*batch n_both"]) -> Float[Tensor, "*batch n_residual n_both"]:
+            rows = [self._jacobian(row[:n], far * (row[n:] - 0.5), places, level, marginal) for row in _rows(whole)]
+            return torch.stack([_times(one, n, far) for one in rows]).unflatten(0, whole.shape[:-1])
 
         start = torch.cat([position.clamp(0.0, 1.0), 0.5 + shift / far])[None]
 
@@ -126,35 +128,43 @@ class Joint:
         place = ended.position[0]
         return place[:n], far * (place[n:] - 0.5), float(ended.objective[0])
 
-    def descend_sharply(self, position: Float[Tensor, " n"], shift: Float[Tensor, " n_known"]) -> Ended:
+    def descend_sharply(
+        self, position: Float[Tensor, " n"], shift: Float[Tensor, " n_known"], places: Places | None = None
+    ) -> Ended:
         """At the sharp level, the other nuisances linear about where each part of the way begins.
 
         How they show changes with the model too, which no part of the way knows. One that ends less probable than it
         began is taken again step by step, and each step as far as it leads down.
+
+        Args:
+            position: of the parameters, on the unit cube.
+            shift: of the specimen, in standard deviations, as far as it is known.
+            places: of sensors and hits, as far as they are known.
         """
         settings, sharp = self.settings, self.target.levels - 1
         here, value, n_iteration = (position, self._known(shift)), math.inf, settings.n_together
-        marginal, cost = self._judged(*here)
+        marginal, cost, seen = self._judged(*here, places)
         for _ in range(settings.n_way):
-            *end, half = self.descend(*here, sharp, n_iteration, settings.damping, marginal)
+            *end, half = self.descend(*here, sharp, n_iteration, settings.damping, marginal, places)
             value = min(value, half)
             for part in settings.parts if n_iteration == 1 else (1.0,):
                 there = torch.lerp(here[0], end[0], part), torch.lerp(here[1], end[1], part)
-                beside, after = self._judged(*there)
+                at = seen if places is None or seen is None else places.towards(seen, part)
+                beside, after, again = self._judged(*there, at)
                 if after < cost:
                     break
             fallen = cost - after
             if fallen > 0:
-                here, marginal, cost = there, beside, after
+                here, marginal, cost, places, seen = there, beside, after, at, again
             if fallen < max(settings.little, 2 * settings.tolerance * value):
                 if n_iteration == 1 or fallen > 0:
                     break
                 n_iteration = 1
         self._before = None
-        slope = self._jacobian(*here, sharp, marginal)
+        slope = self._jacobian(*here, places, sharp, marginal)
         n = len(position)
         spread = torch.linalg.pinv(slope.mT @ slope, hermitian=True, rtol=1e-12)[n:, n:]
-        return Ended(here[0], Found(here[1], spread), value)
+        return Ended(here[0], Found(here[1], spread, places), value)
 
     def beside(self, position: Float[Tensor, " n"], about: Found) -> Problem:
         """The fit of the parameters alone, the specimen as it was found."""
@@ -168,33 +178,39 @@ class Joint:
         found[:n] = shift[:n].clamp(-far, far)
         return found
 
-    def _judged(self, position: Tensor, shift: Tensor) -> tuple[Marginal, float]:
-        """Noise and nuisances about a place, and −2 ln of its posterior probability beside them."""
-        marginal = self._beside(position, shift)
-        problem, theta = self._problem(shift, marginal), self.model.space.to_si(position)
-        off = self.target.off(self.builder.predict(problem.model, theta))
+    def _judged(self, position: Tensor, shift: Tensor, places: Places | None) -> tuple[Marginal, float, Places | None]:
+        """Noise and nuisances about a place, −2 ln of its posterior probability beside them, and the places it says."""
+        marginal = self._beside(position, shift, places)
+        problem, theta = self._problem(shift, places, marginal), self.model.space.to_si(position)
+        residual = marginal.residual(self.target.off(self.builder.predict(problem.model, theta)))
         prior = problem.told(theta).square().sum() + (shift / self.std).square().sum()
-        return marginal, marginal.cost(marginal.over_noise(off)) + float(prior)
+        seen = marginal.places(residual)
+        return marginal, marginal.cost(residual) + float(prior), seen and seen.within(self.settings.farthest)
 
-    def _beside(self, position: Tensor, shift: Tensor) -> Marginal:
+    def _beside(self, position: Tensor, shift: Tensor, places: Places | None) -> Marginal:
         """Noise and the nuisances that are left."""
-        theta = self.model.space.to_si(position)
-        return self.target.marginal(self.specimens.at(shift), theta, specimen=False).rescaled(self.scale)
+        theta, nothing = self.model.space.to_si(position), position.new_zeros(0)
+        about = None if places is None else Found(nothing, nothing[:, None], places)
+        return self.target.marginal(self.specimens.at(shift, places), theta, about, specimen=False).rescaled(self.scale)
 
-    def _problem(self, shift: Tensor, marginal: Marginal | None) -> Problem:
-        return Problem(self.builder, self.specimens.at(shift), self.prior, marginal)
+    def _problem(self, shift: Tensor, places: Places | None, marginal: Marginal | None) -> Problem:
+        return Problem(self.builder, self.specimens.at(shift, places), self.prior, marginal)
 
     def _weight(self, level: int, n_residual: int) -> float:
         """Of a term that is off by its standard deviation."""
         return 1.0 if level == self.target.levels - 1 else self.target.settings.wide.told * n_residual**0.5
 
-    def _residual(self, position: Tensor, shift: Tensor, level: int, marginal: Marginal | None) -> Tensor:
-        found = self._problem(shift, marginal).residual(position, level)
+    def _residual(
+        self, position: Tensor, shift: Tensor, places: Places | None, level: int, marginal: Marginal | None
+    ) -> Tensor:
+        found = self._problem(shift, places, marginal).residual(position, level)
         return torch.cat([found, self._weight(level, len(found)) * shift / self.std])
 
-    def _jacobian(self, position: Tensor, shift: Tensor, level: int, marginal: Marginal | None) -> Tensor:
+    def _jacobian(
+        self, position: Tensor, shift: Tensor, places: Places | None, level: int, marginal: Marginal | None
+    ) -> Tensor:
         """Of the parameters by differences, of the specimen by its modes."""
-        problem, n = self._problem(shift, marginal), len(position)
+        problem, n = self._problem(shift, places, marginal), len(position)
 
         def along(where: Tensor) -> Tensor:
             return problem.residual(where, level)
@@ -218,8 +234,8 @@ class Joint:
             near = at == level and beside is marginal
             if near and float((prediction - there).norm()) <= self.settings.still * float(prediction.norm()):
                 return known
-        every = 1 if marginal is not None else target.smoothing.every
-        columns = specimen_columns(problem.model, theta, target.frequency[::every], self.specimens).movedim(-1, 0)
+        frequency, decay = target.lines(level)
+        columns = specimen_columns(problem.model, theta, frequency, self.specimens, decay).movedim(-1, 0)
         if target.gain_is_unknown:
             columns = columns * target.gain_of(problem.model, theta)
         if marginal is not None:

@@ -117,8 +117,8 @@ def settled(
                 position = problem.descend(position[None], target.levels - 1, settings.n_together)[0][0]
             else:
                 joint = Joint(builder, model, specimens, prior, scale)
-                shift = position.new_zeros(0) if about is None else about.shift
-                position, about, _ = joint.descend_sharply(position, shift)
+                shift, places = (position.new_zeros(0), None) if about is None else (about.shift, about.places)
+                position, about, _ = joint.descend_sharply(position, shift, places)
             reduced, marginal = beside(position, about, scale)
         found = judged_beside(builder, model, reduced, prior, position, marginal)
         # Likelihoods about a uniform section and about one that wanders are not of one kind.

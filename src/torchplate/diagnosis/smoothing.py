@@ -1,83 +1,103 @@
-"""Spectra smoothed along the frequency axis by the kernel of one mode, so that peaks that do not overlap attract.
+"""FRFs beside the frequency axis, at s = iω + σ, σ = width · ω: peaks that do not overlap on it attract there.
 
-    (F r)_i = Σ_j r_j Δω_j / (σ_i + i (ω_i − ω_j)),    σ_i = width · ω_i:
+A resonance is as broad there as with a loss factor larger by twice the width. What was measured is continued from its
+resonances, which hold between the lines too; where there are too few lines to find any, by Poisson's integral,
 
-what it makes small is what model and measurement would both show at s = iω + σ.
+    H(iω + σ) = (1/π) ∫ H(iω') σ / (σ² + (ω − ω')²) dω',
+
+true of what is analytic and bounded on the right of the axis, and rough at the ends of the band.
 """
 
 import functools
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.settings import WideLevels
+from torchplate.measurement.resonances import Resonances
+
+
+class Level(NamedTuple):
+    """What one level looks at.
+
+    Attributes:
+        frequency: ω / 2π [Hz].
+        decay: σ [1/s].
+        measured: the FRFs there.
+        scale: one over their size around each line, so that every band weighs alike.
+    """
+
+    frequency: Float[Tensor, " n_line"]
+    decay: Float[Tensor, " n_line"]
+    measured: Complex[Tensor, "n_line n_response n_reference"]
+    scale: Float[Tensor, "n_line n_response n_reference"]
 
 
 @dataclass(frozen=True, eq=False)
 class Smoothing:
-    """What smooths the FRFs of one measurement; it hangs on their size alone.
+    """Measured FRFs from wide to narrow.
 
     Attributes:
         frequency: lines [Hz].
-        power: |H|² of the measured FRFs.
+        measured: the FRFs.
+        resonances: of them; None where none are known.
         settings: of the wide levels.
     """
 
     frequency: Float[Tensor, " n_frequency"]
-    power: Float[Tensor, "n_frequency n_response n_reference"]
+    measured: Complex[Tensor, "n_frequency n_response n_reference"]
+    resonances: Resonances | None
     settings: WideLevels
 
     @functools.cached_property
-    def every(self) -> int:
-        """Of how many lines one is smoothed."""
-        return max(1, len(self.frequency) // self.settings.least)
-
-    @functools.cached_property
-    def filters(self) -> tuple[Complex[Tensor, "n_smooth n_kept"], ...]:
-        """One for each width, on the lines that are smoothed."""
-        kept = self.frequency[:: self.every]
-        # As large as with all lines: a signal that is smoothed grows by the root of their number.
-        more = self.every**0.5
-        return tuple(more * _kernel(kept, self._centres(kept, width), width) for width in self.settings.widths)
-
-    @functools.cached_property
-    def scales(self) -> tuple[Float[Tensor, "n_kept n_response n_reference"], ...]:
-        """One over the smoothed size of each FRF for each width: so that every band weighs alike."""
-        return tuple(self._scale(width) for width in self.settings.widths)
-
-    def _scale(self, width: float) -> Float[Tensor, "n_kept n_response n_reference"]:
-        kernel = _kernel(self.frequency, self.frequency, width)
-        power = (kernel.abs().square() @ self.power.flatten(1)).unflatten(1, self.power.shape[1:])
-        floor = 1e-3 * power.mean(0)
-        return (1 / (power + floor).sqrt().clamp(min=1e-300))[:: self.every]
+    def levels(self) -> tuple[Level, ...]:
+        """One for each width."""
+        return tuple(self._level(width) for width in self.settings.widths)
 
     @functools.cached_property
     def around(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
         """Mean square of each FRF around each line."""
-        step = self.frequency.diff().median() if len(self.frequency) > 1 else self.frequency.new_ones(())
-        width = self.settings.around * self.frequency[:, None] + float(step)
-        away = (self.frequency[:, None] - self.frequency) / width
-        weight = torch.exp(-0.5 * away.square())
-        mean = (weight / weight.sum(-1, keepdim=True)) @ self.power.flatten(1)
-        return mean.unflatten(1, self.power.shape[1:])
+        return self._around(self.frequency, self.measured)
 
-    def _centres(self, frequency: Float[Tensor, " n_frequency"], width: float) -> Float[Tensor, " n_smooth"]:
-        """Lines of a smoothed spectrum [Hz]."""
-        least = float(frequency.diff().min()) if len(frequency) > 1 else 1.0
-        centres, at = [], max(float(frequency[0]), least)
-        while at <= float(frequency[-1]):
-            centres.append(at)
-            at += max(width * at / self.settings.per_width, least)
-        return torch.tensor(centres).to(frequency)
+    def _level(self, width: float) -> Level:
+        frequency = self._centres(width)
+        decay = 2 * torch.pi * width * frequency
+        if self.resonances is None:
+            kernel = _poisson(self.frequency, width * frequency, frequency)
+            measured = (kernel.to(self.measured) @ self.measured.flatten(1)).unflatten(1, self.measured.shape[1:])
+        else:
+            measured = self.resonances.at(frequency, decay).to(self.measured)
+        power = self._around(frequency, measured)
+        scale = 1 / (power + 1e-3 * power.mean(0)).sqrt().clamp(min=1e-300)
+        return Level(frequency, decay, measured, scale)
+
+    def _around(
+        self, frequency: Float[Tensor, " n_line"], frf: Complex[Tensor, "n_line n_response n_reference"]
+    ) -> Float[Tensor, "n_line n_response n_reference"]:
+        step = frequency.diff().median() if len(frequency) > 1 else frequency.new_ones(())
+        width = self.settings.around * frequency[:, None] + float(step)
+        weight = torch.exp(-0.5 * ((frequency[:, None] - frequency) / width).square())
+        mean = (weight / weight.sum(-1, keepdim=True)) @ frf.abs().square().flatten(1)
+        return mean.unflatten(1, frf.shape[1:])
+
+    def _centres(self, width: float) -> Float[Tensor, " n_line"]:
+        """Frequencies a part of the width apart, no more of them than wanted [Hz]."""
+        settings, last = self.settings, float(self.frequency[-1])
+        first = max(float(self.frequency[0]), settings.lowest * last)
+        n = math.ceil(math.log(last / first) / width * settings.per_width) + 1
+        place = torch.linspace(math.log(first), math.log(last), min(n, settings.most), dtype=torch.float64)
+        return place.exp().to(self.frequency)
 
 
-def _kernel(
-    frequency: Float[Tensor, " n_frequency"], centre: Float[Tensor, " n_smooth"], width: float
-) -> Complex[Tensor, "n_smooth n_frequency"]:
-    """The smoothing of one level."""
+def _poisson(
+    frequency: Float[Tensor, " n_frequency"], half: Float[Tensor, " n_line"], centre: Float[Tensor, " n_line"]
+) -> Float[Tensor, "n_line n_frequency"]:
+    """Weights of the lines in Poisson's integral, which sum to one."""
     step = torch.gradient(frequency)[0] if len(frequency) > 1 else torch.ones_like(frequency)
-    half = torch.maximum(width * centre, step.median())
-    kernel = step / torch.complex(half[:, None].expand(-1, len(frequency)), centre[:, None] - frequency)
-    return kernel / kernel.abs().square().sum(-1, keepdim=True).sqrt()
+    half = torch.maximum(half, step.median())[:, None]
+    weight = step * half / (half.square() + (centre[:, None] - frequency).square())
+    return weight / weight.sum(-1, keepdim=True)

@@ -2,9 +2,9 @@
 
 A target is frozen: another noise, mesh or choice of held-out FRFs is another target. Residuals come at several levels.
 At the sharp one they are those of `discrepancy.marginal`: each line over its noise, and the nuisances of a test, what
-the mesh leaves of its error among them, integrated out. At the wide ones the deviation is first smoothed along the
-frequency axis (`smoothing`), the same for model and measurement. So peaks that do not overlap attract each other, and
-the minimum is that of the sharp level where the model is right.
+the mesh leaves of its error among them, integrated out. At the wide ones both are looked at beside the frequency axis
+(`smoothing`), where every resonance is as broad as with more damping. So peaks that do not overlap attract each other,
+and the minimum is that of the sharp level where the model is right.
 """
 
 import functools
@@ -19,7 +19,7 @@ from torch import Tensor
 from torchplate.diagnosis.settings import SETTINGS, DiagnosisSettings
 from torchplate.diagnosis.smoothing import Smoothing
 from torchplate.discrepancy.marginal import Marginal
-from torchplate.discrepancy.nuisance import modes_near, nuisances
+from torchplate.discrepancy.nuisance import modes_near, nuisances, place_std
 from torchplate.discrepancy.specimen import Found, Specimens, as_it_is_meant
 from torchplate.discrepancy.wandering import UNIFORM, Wandering
 from torchplate.effects import Effect
@@ -131,7 +131,7 @@ class FrfTarget:
     @functools.cached_property
     def smoothing(self) -> Smoothing:
         """Of the wide levels."""
-        return Smoothing(self.frequency, self.measured.abs().square(), self.settings.wide)
+        return Smoothing(self.frequency, self.measurement.frf, self.noise.resonances, self.settings.wide)
 
     @functools.cached_property
     def _mix(self) -> Complex[Tensor, "n_fitted n_mixed"]:
@@ -176,7 +176,8 @@ class FrfTarget:
             theta: its parameters.
         """
         n_mode = modes_near(model, theta, self.frequency)
-        return Specimens(model, theta, self.wandering, self.imperfections.std("damping_scatter"), n_mode)
+        damping, place = self.imperfections.std("damping_scatter"), place_std(self.imperfections, self.mesh_left)
+        return Specimens(model, theta, self.wandering, damping, n_mode, place)
 
     def specimen(self, model: PlateModel, theta: Float[Tensor, " n_parameter"], about: Found | None) -> PlateModel:
         """The specimen that a model stands for.
@@ -234,16 +235,28 @@ class FrfTarget:
     def predict(self, model: PlateModel, theta: Tensor, level: int | None = None) -> Tensor:
         """FRFs of the measured channels, at the fitted level where the measurement has none.
 
-        At a wide level they are those of the lines that are smoothed.
+        At a wide level they are those beside the frequency axis.
         """
-        every = self.smoothing.every if level in range(self.levels - 1) else 1
-        return self._at_level_of(self.measured[::every], model.frf(theta, self.frequency[::every]))
+        frequency, decay = self.lines(level)
+        return self._at_level_of(self.seen(level), model.frf(theta, frequency, decay=decay))
+
+    def lines(self, level: int | None = None) -> tuple[Float[Tensor, " n_line"], float | Float[Tensor, " n_line"]]:
+        """Where a level looks: frequencies [Hz] and σ of s = iω + σ [1/s]."""
+        if level is None or level == self.levels - 1:
+            return self.frequency, 0.0
+        return self.smoothing.levels[level][:2]
+
+    def seen(self, level: int | None = None) -> Complex[Tensor, "n_line n_response n_reference"]:
+        """What was measured, as a level looks at it."""
+        if level is None or level == self.levels - 1:
+            return self.measured
+        seen = self.smoothing.levels[level].measured
+        return seen if self.sign is None else seen * self.sign
 
     def rearranged(self, prediction: Tensor, model: PlateModel, effect: Effect, level: int) -> Tensor | None:
         """The same FRFs in other places or with other signs: nothing has to be solved."""
-        every = self.smoothing.every if level in range(self.levels - 1) else 1
         found = model.rearranged(prediction, effect)
-        return None if found is None else self._at_level_of(self.measured[::every], found)
+        return None if found is None else self._at_level_of(self.seen(level), found)
 
     def _at_level_of(self, measured: Tensor, found: Tensor) -> Tensor:
         """FRFs times one factor, where the measurement's level is unknown."""
@@ -260,12 +273,9 @@ class FrfTarget:
         return above / below.clamp(min=1e-300)
 
     def residual(self, prediction: Tensor, level: int) -> Tensor:
-        """Deviations of the fitted FRFs, smoothed."""
-        off = self.measured[:: self.smoothing.every] - prediction
-        kept = self.smoothing.filters[level].to(off) @ (
-            (off * self.smoothing.scales[level])[..., self.fitted] @ self._mix
-        )
-        return torch.view_as_real(kept).flatten(-3)
+        """Deviations of the fitted FRFs at a wide level, over their size around each line."""
+        off = (self.seen(level) - prediction) * self.smoothing.levels[level].scale
+        return torch.view_as_real(off[..., self.fitted] @ self._mix).flatten(-3)
 
     def signs(
         self, prediction: Complex[Tensor, "n_member n_frequency n_response n_reference"]
@@ -278,10 +288,8 @@ class FrfTarget:
         Returns:
             1 or −1 of each FRF; and the sum of squares with these signs over the least one with all of them 1.
         """
-        kernel = self.smoothing.filters[0].to(self.measured)
-        scale = self.fitted * self.smoothing.scales[0]
-        measured = kernel @ (self.measured[:: self.smoothing.every] * scale).flatten(1)
-        model = kernel @ (prediction * scale).flatten(-2)
+        scale = self.fitted * self.smoothing.levels[0].scale
+        measured, model = (self.seen(0) * scale).flatten(1), (prediction * scale).flatten(-2)
         both = measured.abs().square().sum(0) + model.abs().square().sum(-2)
         product = 2 * (measured.conj() * model).real.sum(-2)
         best = (both - product.abs()).sum(-1).argmin()

@@ -10,6 +10,8 @@ Identification (2012), for what an analyser, its transducers and their mounting 
 """
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import torch
@@ -39,6 +41,9 @@ class Nuisances(NamedTuple):
         second_order: what the first order leaves out.
         n_off: the first of the common ones, of what a specimen has of its own: its section, and its modes' damping.
         about: the specimen that they are taken about; None for none.
+        n_place: the first of each channel's, of where it sits.
+        carried: responses whose mass moves with them, which all FRFs feel: where each of their places begins among the
+            common ones.
     """
 
     common: Complex[Tensor, "n_frequency n_response n_reference n_common"]
@@ -48,6 +53,8 @@ class Nuisances(NamedTuple):
     second_order: SecondOrder
     n_off: int = 0
     about: Found | None = None
+    n_place: int = 0
+    carried: Mapping[int, int] = MappingProxyType({})
 
 
 @torch.no_grad()
@@ -114,10 +121,21 @@ def nuisances(
     own: list[tuple[str, Tensor]] = []
     other: list[tuple[str, Tensor]] = []
     # Where places are known well, the mesh decides how well.
-    group, far = ("position_std", off) if off > mesh[0] else ("mesh", mesh[0])
+    far = place_std(imperfections, mesh)
+    group = "position_std" if off > mesh[0] else "mesh"
+    n_place = 2 if far > 0 else 0
+    carried: dict[int, int] = {}
+    weighs = _carried(model, modal, chain, theta) if far > 0 else {}
     for side, order in zip(sides, ((1, 0), (0, 1)), strict=True) if far > 0 else ():
         rows = model.assembly.rows(model.mesh.deflection_at(chain.response, *order)) @ modal.shape
-        own.append((group, to_reading(far / side * sum_of_modes(modal, rows, modal.right))))
+        of_row = to_reading(far / side * sum_of_modes(modal, rows, modal.right))
+        for index, change in weighs.items():
+            whole = to_reading(far / side * change[order])
+            whole[:, index] += of_row[:, index]
+            of_row[:, index] = 0.0
+            carried.setdefault(index, len(common))
+            common.append((group, whole))
+        own.append((group, of_row))
         if reference is not None:
             rows = model.assembly.rows(model.mesh.deflection_at(reference, *order)) @ modal.shape
             other.append((group, to_reading(far / side * sum_of_modes(modal, modal.left, rows))))
@@ -159,7 +177,7 @@ def nuisances(
         modal.damping.abs(),
         modal.denominator.abs(),
         (modal.left[:, None] * modal.right[None]).square().flatten(0, 1),
-        _places_again(model, modal, chain.response, reference, [off / side for side in sides]),
+        _places_again(model, modal, chain.response, reference, [off / side for side in sides], about),
         factor.abs().square(),
         chain.reading,
         each,
@@ -167,7 +185,7 @@ def nuisances(
     columns = [_stacked([change for _, change in part], reading) for part in (common, own, other)]
     names = [tuple(name for name, _ in part) for part in (common, own, other)]
     groups = (names[0], names[1], names[2])
-    return Nuisances(columns[0], columns[1], columns[2], groups, second_order, n_off, about)
+    return Nuisances(columns[0], columns[1], columns[2], groups, second_order, n_off, about, n_place, carried)
 
 
 @torch.no_grad()
@@ -176,6 +194,7 @@ def specimen_columns(
     theta: Float[Tensor, " n_parameter"],
     frequency: Float[Tensor, " n_frequency"],
     specimens: Specimens,
+    decay: float | Float[Tensor, " n_frequency"] = 0.0,
 ) -> Complex[Tensor, "n_frequency n_response n_reference n_off"]:
     """What each way to be off, one standard deviation large, adds to the FRFs of a specimen.
 
@@ -184,13 +203,24 @@ def specimen_columns(
         theta: its searched parameters.
         frequency: lines [Hz].
         specimens: in the model's basis.
+        decay: σ of s = iω + σ [1/s].
     """
-    _, _, modal, to_reading = _apart(model, theta, frequency)
+    _, _, modal, to_reading = _apart(model, theta, frequency, decay)
     shape = modal.shape
     stiffness, mass = (shape.mT @ part @ shape for part in (specimens.stiffness, specimens.mass))
     changes = [to_reading(one) for one in through_each(modal, stiffness, mass, to_reading.chain.laplace)]
     changes += [to_reading(_damped(modal, m, specimens.damping)) for m in range(len(specimens.names) - len(changes))]
     return torch.stack(changes, dim=-1)
+
+
+def place_std(imperfections: Imperfections, mesh: tuple[float, float]) -> float:
+    """How well the place of a channel is known [m]: no better than the mesh's lines of equal deflection are.
+
+    Args:
+        imperfections: of the test.
+        mesh: what the mesh leaves of the deflections: distance by which these lines are off [m], and part of them [-].
+    """
+    return max(imperfections.std("position_std"), mesh[0])
 
 
 def modes_near(model: PlateModel, theta: Float[Tensor, " n_parameter"], frequency: Tensor) -> int:
@@ -230,12 +260,16 @@ class _Reading(NamedTuple):
 
 
 def _apart(
-    model: PlateModel, theta: Float[Tensor, " n_parameter"], frequency: Float[Tensor, " n_frequency"]
+    model: PlateModel,
+    theta: Float[Tensor, " n_parameter"],
+    frequency: Float[Tensor, " n_frequency"],
+    decay: float | Float[Tensor, " n_frequency"] = 0.0,
 ) -> tuple[Plan, Tensor | None, Modal, _Reading]:
     """What a model is made of at these lines, its references and modes, and how it is read."""
     plan = model.plan(theta)
     response, reference, kind = model._points(None, None, None)
-    chain = model._chain(theta, plan, laplace_lines(frequency.to(theta), 0.0), response, reference)
+    chain = model.chain(theta, plan, laplace_lines(frequency.to(theta), decay), response, reference, own=True)
+    reference = model.struck(reference)
     modal = by_modes(model, plan, chain.laplace, chain.response, reference)
     return plan, reference, modal, _Reading(chain, kind)
 
@@ -245,29 +279,60 @@ def _stacked(parts: list[Tensor], like: Tensor) -> Tensor:
 
 
 def _places_again(
-    model: PlateModel, modal: Modal, response: Tensor, reference: Tensor | None, off: list[float]
+    model: PlateModel,
+    modal: Modal,
+    response: Tensor,
+    reference: Tensor | None,
+    off: list[float],
+    about: Found | None,
 ) -> Float[Tensor, "n_frequency n_response n_reference"]:
     """Mean square of what the second order of places adds to receptances: curvatures, twist, and both ends at once.
 
-    E ν⁴ = 3 for a curvature ½ w,xx ν², E ν²μ² = 1 for products of two.
+    E ν⁴ = 3 for a curvature ½ w,xx ν², E ν²μ² = 1 for products of two. Of places that were found, what is left of ν.
     """
+    places = None if about is None else about.places
+    left = (None, None) if places is None else (places.response_left, places.reference_left)
 
-    def rows(place: Tensor, order: tuple[int, int]) -> Tensor:
+    def rows(place: Tensor, of_side: Tensor | None, order: tuple[int, int]) -> Tensor:
         size = off[0] ** order[0] * off[1] ** order[1]
-        return size * model.assembly.rows(model.mesh.deflection_at(place, *order)) @ modal.shape
+        found = size * model.assembly.rows(model.mesh.deflection_at(place, *order)) @ modal.shape
+        return found if of_side is None else (of_side ** torch.tensor(order)).prod(-1, keepdim=True) * found
 
     total = torch.zeros(len(modal.denominator), len(modal.left), len(modal.right)).to(modal.left)
     if not any(off):
         return total
     for order, weight in (((2, 0), 0.75), ((0, 2), 0.75), ((1, 1), 1.0)):
-        total = total + weight * sum_of_modes(modal, rows(response, order), modal.right).abs().square()
+        total = total + weight * sum_of_modes(modal, rows(response, left[0], order), modal.right).abs().square()
         if reference is not None:
-            total = total + weight * sum_of_modes(modal, modal.left, rows(reference, order)).abs().square()
+            there = rows(reference, left[1], order)
+            total = total + weight * sum_of_modes(modal, modal.left, there).abs().square()
     if reference is not None:
-        for here in ((1, 0), (0, 1)):
-            for there in ((1, 0), (0, 1)):
-                total = total + sum_of_modes(modal, rows(response, here), rows(reference, there)).abs().square()
+        for along in ((1, 0), (0, 1)):
+            here = rows(response, left[0], along)
+            for across in ((1, 0), (0, 1)):
+                total = total + sum_of_modes(modal, here, rows(reference, left[1], across)).abs().square()
     return total
+
+
+def _carried(
+    model: PlateModel, modal: Modal, chain: SensorChain, theta: Tensor
+) -> dict[int, dict[tuple[int, int], Tensor]]:
+    """What it does to receptances that the mass of a sensor moves with it, by sensor, for a side along each axis."""
+    found: dict[int, dict[tuple[int, int], Tensor]] = {}
+    value = model.values(theta)
+    if model.off_marks is not None:
+        value = model.off_marks.moved(value)
+    for label, index in model.carried().items():
+        place = torch.stack([value[label][axis] for axis in ("x", "y")])[None].to(modal.left)
+        inertia = value[label]["mass"] * chain.laplace.square()
+        row = model.assembly.rows(model.mesh.deflection_at(place)) @ modal.shape
+        left, right = sum_of_modes(modal, modal.left, row), sum_of_modes(modal, row, modal.right)
+        own = found.setdefault(index, {})
+        for order in ((1, 0), (0, 1)):
+            moved = model.assembly.rows(model.mesh.deflection_at(place, *order)) @ modal.shape
+            outer = left * sum_of_modes(modal, moved, modal.right) + sum_of_modes(modal, modal.left, moved) * right
+            own[order] = own.get(order, torch.zeros_like(outer)) - inertia[:, None, None] * outer
+    return found
 
 
 def _supports(model: PlateModel, plan: Plan, modal: Modal, laplace: Tensor, off: float, theta: Tensor) -> list[Tensor]:

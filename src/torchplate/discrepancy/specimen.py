@@ -19,28 +19,60 @@ from torchplate.model.extrapolation import on_mesh
 from torchplate.plate import Correction, Unevenness
 
 
+class Places(NamedTuple):
+    """How far sensors and hits are off their marks along x and y, as FRFs say, in standard deviations.
+
+    Attributes:
+        response: posterior means.
+        reference: likewise; none where the plate is shaken by its edges.
+        response_left: posterior standard deviations.
+        reference_left: likewise.
+    """
+
+    response: Float[Tensor, "n_response 2"]
+    reference: Float[Tensor, "n_reference 2"]
+    response_left: Float[Tensor, "n_response 2"]
+    reference_left: Float[Tensor, "n_reference 2"]
+
+    def within(self, most: float) -> "Places":
+        """So many standard deviations at most."""
+        return self._replace(response=self.response.clamp(-most, most), reference=self.reference.clamp(-most, most))
+
+    def towards(self, other: "Places", part: float) -> "Places":
+        """A part of the way to other places."""
+        return Places(*(torch.lerp(one, there, part) for one, there in zip(self, other, strict=True)))
+
+    @property
+    def each(self) -> Float[Tensor, " n_off"]:
+        """The means, one after another: x and y of each response, then of each reference."""
+        return torch.cat([self.response.flatten(), self.reference.flatten()])
+
+
 class Found(NamedTuple):
-    """How a specimen differs from a uniform plate whose damping obeys a law, as FRFs say.
+    """How a specimen and its test differ from a uniform plate whose damping obeys a law, tested at its marks.
 
     Attributes:
         shift: posterior means, in standard deviations: of each term of the section, then of ln damping of the lowest
             modes.
         spread: their posterior covariance.
+        places: of sensors and hits; None where they are taken to be on their marks.
     """
 
     shift: Float[Tensor, " n_off"]
     spread: Float[Tensor, "n_off n_off"]
+    places: Places | None = None
 
     def within(self, most: float) -> "Found":
         """Shifts of so many standard deviations at most: a model about farther ones would be no plate any more."""
-        return self._replace(shift=self.shift.clamp(-most, most))
+        places = None if self.places is None else self.places.within(most)
+        return self._replace(shift=self.shift.clamp(-most, most), places=places)
 
     def of(self, n: int) -> "Found":
         """The same for so many: modes that came in are as they may be, of those that left nothing is said."""
         old = min(n, len(self.shift))
         shift, spread = self.shift.new_zeros(n), torch.eye(n).to(self.spread)
         shift[:old], spread[:old, :old] = self.shift[:old], self.spread[:old, :old]
-        return Found(shift, spread)
+        return Found(shift, spread, self.places)
 
 
 class Specimens:
@@ -52,6 +84,7 @@ class Specimens:
         wandering: how far the section may wander.
         damping: standard deviation of each mode's ln damping [-].
         n_mode: modes whose damping may be off.
+        place: standard deviation of the place of a sensor or a hit [m].
     """
 
     @torch.no_grad()
@@ -62,10 +95,12 @@ class Specimens:
         wandering: Wandering,
         damping: float = 0.0,
         n_mode: int = 0,
+        place: float = 0.0,
     ) -> None:
         self.uniform = as_it_is_meant(model)
         self.damping = damping
         plan = model.plan(theta)
+        self.place = place / torch.stack([plan.geometry.length_x.mean(), plan.geometry.length_y.mean()])
         elements = Elements(model, plan)
         every = terms(model, plan, wandering)
         self.n_term = len(every)
@@ -83,17 +118,22 @@ class Specimens:
 
     def of(self, found: Found | None) -> PlateModel:
         """The model of the specimen that was found; the uniform plate where none was."""
-        return self.uniform if found is None else self.at(found.shift)
+        return self.uniform if found is None else self.at(found.shift, found.places)
 
-    def at(self, shift: Float[Tensor, " n_off"]) -> PlateModel:
-        """The model of a specimen so many standard deviations off in each."""
+    def at(self, shift: Float[Tensor, " n_off"], places: Places | None = None) -> PlateModel:
+        """The model of a specimen so many standard deviations off in each, tested at these places."""
         terms, modes = shift[: self.n_term], shift[self.n_term :]
         stiffness, mass = (torch.einsum("t,tij->ij", terms.to(part), part) for part in (self.stiffness, self.mass))
         uneven = Unevenness(stiffness, mass, *self._measures)
         found = on_mesh(self.uniform, self.uniform.assembly.uneven(uneven))
-        return found.with_damping_factors((self.damping * modes).exp()) if len(modes) and self.damping > 0 else found
+        if len(modes) and self.damping > 0:
+            found = found.with_damping_factors((self.damping * modes).exp())
+        if places is None:
+            return found
+        reference = places.reference * self.place if len(places.reference) else None
+        return found.with_places_off(places.response * self.place, reference)
 
 
 def as_it_is_meant(model: PlateModel) -> PlateModel:
-    """The model of a uniform plate whose damping obeys its law, whatever it was before."""
-    return on_mesh(model, model.assembly.uneven(None)).with_damping_factors(None)
+    """The model of a uniform plate whose damping obeys its law, tested at its marks, whatever it was before."""
+    return on_mesh(model, model.assembly.uneven(None)).with_damping_factors(None).with_places_off(None)

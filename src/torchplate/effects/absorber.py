@@ -43,6 +43,8 @@ class Absorber(Effect):
     }
     check = Check(1, "touch, tape down or take off what can move against the plate near the place found")
     acts_on = frozenset({"mass", "stiffness", "damping"})
+    # On a rigid spring, and with a mass that stays where it is.
+    contains = ("point_mass", "ground_spring", "ground_dashpot")
     shows = (
         "One more peak, and a dip between two where one was expected, near one frequency; far above and below hardly "
         "anything."

@@ -105,6 +105,9 @@ class Effect(ABC):
 
     `to_ground` is the parameter by which an effect at a place (x, y) ties the plate to the ground there, as a support
     would; None for all other effects.
+
+    `contains` names simpler effects that it becomes at an end of its parameters: they are tried first, and it only
+    where they leave something.
     """
 
     name: ClassVar[str]
@@ -115,6 +118,7 @@ class Effect(ABC):
     stage: ClassVar[int] = 2
     check: ClassVar[Check | None] = None
     to_ground: ClassVar[str | None] = None
+    contains: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
         """Enter the catalogue under the class's name in snake case."""

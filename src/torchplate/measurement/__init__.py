@@ -12,6 +12,7 @@ Map:
     uff_writer: a measurement written as a universal file
     level: kind and unit of the level from a file's own specifiers and labels
     noise: how noisy each line is, from the measurement alone
+    resonances: poles and residues that this finds, between the lines and beside the axis too
     placement: where each channel sits on the plate
     frame: where the plate lies in the file's coordinates
     nodes: a table of coordinates, for files without any

@@ -28,6 +28,7 @@ from torch import Tensor
 
 from torchplate.measurement import Measurement
 from torchplate.measurement.quality import line_noise, reciprocity
+from torchplate.measurement.resonances import Resonances
 
 # Fewer lines than this cannot part poles from noise; neighbours then have to do.
 LEAST_LINE: Final = 24
@@ -64,12 +65,14 @@ class Noise:
         floor: mean over FRFs of √(Σ 2 std²) / ‖H‖ [-]: what noise alone makes the gap.
         sentences: where the numbers come from.
         slope: |dH/df| of the resonances found, between lines too [unit of the FRFs per Hz]; 0 where none were sought.
+        resonances: these; None where none were sought.
     """
 
     std: Float[Tensor, "n_frequency n_response n_reference"]
     floor: float
     sentences: tuple[str, ...]
     slope: Float[Tensor, "n_frequency n_response n_reference"]
+    resonances: Resonances | None = None
 
     def every(self, step: int) -> "Noise":
         """Of every `step`-th line."""
@@ -96,10 +99,13 @@ def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise
     alive = norm > 0
     variance, steep = torch.zeros_like(frf.real), torch.zeros_like(frf.real)
     sentences: list[str] = []
+    resonances: Resonances | None = None
     if bool(alive.any()):
         scatter = _from_smoothness(measurement, frf[:, alive], alive)
         variance[:, alive], steep[:, alive] = scatter.variance, scatter.slope
         sentences.append(scatter.sentence)
+        if scatter.fractions is not None:
+            resonances = _of_all(measurement, scatter.fractions, alive)
         if measurement.coherence is not None:
             coherence = measurement.coherence[:, kept][:, alive].to(variance)
             variance[:, alive], said = _from_coherence(scatter, coherence, n_average)
@@ -112,7 +118,7 @@ def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise
     std = torch.zeros_like(measurement.frf.real)
     slope = torch.zeros_like(std)
     std[:, kept], slope[:, kept] = variance.sqrt().to(std), steep.to(std)
-    return Noise(std, floor, tuple(sentence for sentence in sentences if sentence), slope)
+    return Noise(std, floor, tuple(sentence for sentence in sentences if sentence), slope, resonances)
 
 
 class _Scatter(NamedTuple):
@@ -124,6 +130,7 @@ class _Scatter(NamedTuple):
         slope: |dH/df| of their resonances.
         sentence: where the numbers come from.
         times: how many times a variance's expectation the scatter is.
+        fractions: poles, residues and coefficients of the smooth part; None where none were sought.
     """
 
     variance: Float[Tensor, "n_line n_frf"]
@@ -131,6 +138,7 @@ class _Scatter(NamedTuple):
     slope: Float[Tensor, "n_line n_frf"]
     sentence: str
     times: Callable[[Tensor], Tensor]
+    fractions: tuple[Tensor, Tensor, Tensor] | None = None
 
 
 def _from_smoothness(
@@ -158,9 +166,31 @@ def _from_smoothness(
         f"The noise is what {len(fit.pole)} resonances common to all FRFs and a smooth rest leave of {len(frf)} lines: "
         f"{kinds}{own}."
     )
+    pole, residue, polynomial = fit.fractions
     return _Scatter(
-        variance, smooth * scale, fit.slope * scale, said, lambda other: fit.times(2 * other / scale.square())
+        variance,
+        smooth * scale,
+        fit.slope * scale,
+        said,
+        lambda other: fit.times(2 * other / scale.square()),
+        (pole, residue * scale, polynomial * scale),
     )
+
+
+def _of_all(
+    measurement: Measurement, fractions: tuple[Tensor, Tensor, Tensor], alive: Bool[Tensor, " n_measured"]
+) -> Resonances:
+    """The partial fractions of those FRFs that say something, in their places; zero elsewhere."""
+    pole, *parts = fractions
+    kept = measurement.measured.clone()
+    kept[measurement.measured] = alive
+    wholes = []
+    for part in parts:
+        whole = part.new_zeros(len(part), *kept.shape)
+        whole[:, kept] = part
+        wholes.append(whole)
+    line = measurement.frequency
+    return Resonances(pole, wholes[0], wholes[1], (float(line[0]), float(line[-1])))
 
 
 class _Basis(NamedTuple):
@@ -210,6 +240,13 @@ class _Fit:
     def smooth(self) -> Complex[Tensor, "n_line n_frf"]:
         """The FRFs as fitted."""
         return self.frf - self.residual / self.weight[:, None]
+
+    @property
+    def fractions(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Poles, residues of each FRF, and coefficients of the smooth part."""
+        basis, n_pole = self.final, len(self.pole)
+        amplitude = torch.linalg.solve_triangular(basis.upper, basis.q.mH @ self.target, upper=True)
+        return self.pole, amplitude[:n_pole] / basis.norm[:, None], amplitude[n_pole:]
 
     @property
     def slope(self) -> Float[Tensor, "n_line n_frf"]:

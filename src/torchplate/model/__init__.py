@@ -17,6 +17,7 @@
   their modal sums, values in place and gradients by the adjoint.
 - `usual_ranges`: sizes and moduli that no plate has, that few have, and the unit that was meant.
 - `arguments`: theta, lines and places as callers give them, checked.
+- `off_marks`: sensors and hits that are not where the sheet has them, and what moves with a sensor.
 - `plate_model`: the torch module that puts them together.
 """
 

@@ -136,11 +136,15 @@ def solve_each(
     return torch.stack([torch.linalg.solve(*pair) for pair in pairs]).unflatten(0, matrix.shape[:-2])
 
 
-def laplace_lines(frequency: Float[Tensor, " n_frequency"], decay: float) -> Complex[Tensor, " n_frequency"]:
+def laplace_lines(
+    frequency: Float[Tensor, " n_frequency"], decay: float | Float[Tensor, " n_frequency"]
+) -> Complex[Tensor, " n_frequency"]:
     """S = iω + σ [1/s] at frequencies in Hz.
 
     At 0 Hz a free plate has no receptance: what stands there is close to the limit, the accelerance of a rigid body.
     """
+    if isinstance(decay, Tensor):
+        return torch.complex(decay.to(frequency), 2 * torch.pi * frequency)
     shown = frequency.clamp(min=LOWEST) if decay == 0 else frequency
     return torch.complex(torch.full_like(frequency, decay), 2 * torch.pi * shown)
 

@@ -34,6 +34,7 @@ from torchplate.model.frf import (
 from torchplate.model.modal_solution import modal_solution
 from torchplate.model.modal_sum import MEMBERS_AT_ONCE
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
+from torchplate.model.off_marks import OffMarks, carried_masses
 from torchplate.model.parameter_space import Searched
 from torchplate.model.rearranged import rearranged
 from torchplate.model.shared_modes import SharedModes
@@ -104,6 +105,7 @@ class PlateModel(nn.Module):
         self.shared_modes: SharedModes | None = None
         self.couples_modes, self.in_single = True, False
         self.damping_factor: Tensor | None = None
+        self.off_marks: OffMarks | None = None
         # Made now, because what is first made inside a torch.func transform belongs to that transform.
         for name, member in vars(Mesh).items():
             if isinstance(member, functools.cached_property):
@@ -220,6 +222,7 @@ class PlateModel(nn.Module):
             self.assembly,
         ).to(self.known.device)
         found.damping_factor, found.couples_modes = self.damping_factor, self.couples_modes
+        found.off_marks = self.off_marks
         return found
 
     def extra_repr(self) -> str:
@@ -281,6 +284,29 @@ class PlateModel(nn.Module):
         twin.damping_factor = None if factor is None else factor.to(self.known)
         return twin
 
+    def with_places_off(
+        self, response: Float[Tensor, "n_response 2"] | None, reference: Float[Tensor, "n_reference 2"] | None = None
+    ) -> "PlateModel":
+        """The same model, whose own sensors and hits are off their marks; other points that are asked for are not.
+
+        A point mass at a sensor's mark is the sensor's own and is off with it.
+
+        Args:
+            response: by how much, relative to the sides [-]; None where all are on their marks.
+            reference: likewise; None where the plate is shaken by its edges.
+        """
+        twin = self._twin()
+        if response is None:
+            twin.off_marks = None
+        else:
+            off = None if reference is None else reference.to(self.known)
+            twin.off_marks = OffMarks(response.to(self.known), off, self.carried())
+        return twin
+
+    def carried(self) -> dict[str, int]:
+        """Labels of the point masses that are a sensor's own, and which of the model's own responses that is."""
+        return carried_masses(self.effects, self.known_values, self._points(None, None, None)[0])
+
     def in_single_precision(self) -> "PlateModel":
         """The same model for searches: under `torch.no_grad` its FRFs are put together in single precision.
 
@@ -322,6 +348,8 @@ class PlateModel(nn.Module):
     def plan(self, theta: Float[Tensor, "*batch n_parameter"]) -> Plan:
         """What the effects make of theta: sides, section, local terms and damping."""
         value = self.values(theta)
+        if self.off_marks is not None:
+            value = self.off_marks.moved(value)
         pairs = [(effect, value[label]) for label, effect in self.effects.items()]
         geometry = self._nominal()
         for effect, own in pairs:
@@ -407,7 +435,7 @@ class PlateModel(nn.Module):
         response: Points | None = None,
         reference: Points | None = None,
         kind: str | None = None,
-        decay: float = 0.0,
+        decay: float | Tensor = 0.0,
         *,
         check: bool = True,
     ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
@@ -422,7 +450,8 @@ class PlateModel(nn.Module):
             reference: likewise; a transmissibility has none.
             kind: receptance [m/N], mobility [m/(N s)], accelerance [m/(N s²)] or transmissibility [-]; left out, that
                 of the measurement.
-            decay: σ of s = iω + σ [1/s]: what the FRF is of records windowed by exp(−σt).
+            decay: σ of s = iω + σ [1/s]: what the FRF is of records windowed by exp(−σt); a
+                tensor has one for each line.
             check: refuse a theta that no plate has, such as one in the unit cube. Nothing is checked inside a
                 transform of torch.func, nor in a reduced basis on a GPU.
 
@@ -433,12 +462,13 @@ class PlateModel(nn.Module):
         points = self._points(response, reference, kind)
         theta, single = self._theta(theta, check)
         laplace = laplace_lines(as_frequency(frequency, theta, check), decay)
+        own = response is None and reference is None
         if not theta.shape[:-1].numel() or not len(laplace):
             n_reference = 1 if points[1] is None else len(points[1])
             shape = (*theta.shape[:-1], len(laplace), len(points[0]), n_reference)
             found = laplace.new_zeros(shape) + 0 * theta.sum()
         else:
-            parts = [self._frf(members, laplace, *points) for members in self._chunks(theta)]
+            parts = [self._frf(members, laplace, points, own) for members in self._chunks(theta)]
             found = joined(parts, 0).reshape(*theta.shape[:-1], *parts[0].shape[1:])
         return found.to(torch.complex64) if single else found
 
@@ -470,18 +500,18 @@ class PlateModel(nn.Module):
         return found[0], found[1], kind
 
     def _frf(
-        self, theta: Tensor, laplace: Tensor, response: Tensor, reference: Tensor | None, kind: str
+        self, theta: Tensor, laplace: Tensor, points: tuple[Tensor, Tensor | None, str], own: bool
     ) -> Complex[Tensor, "n_member n_frequency n_response n_reference"]:
         plan = self.plan(theta)
         if self.shared_modes is not None:
             in_single = self.in_single and not torch.is_grad_enabled() and not transformed()
             of_plan = functools.partial(self.shared_modes.receptance, self.assembly, plan, in_single=in_single)
-            whole = self._observed(theta, plan, laplace, (response, reference, kind), of_plan)
+            whole = self._observed(theta, plan, laplace, points, of_plan, own)
             return whole.expand(len(theta), *whole.shape[-3:])
         system = self.assembly.system(*plan)
         at_once = functools.partial(lines_at_once, self.memory // 2, len(theta))
         solve = modal_solution(system, at_once, self.damping_factor, self.couples_modes)
-        whole = self._observed(theta, plan, laplace, (response, reference, kind), solve)
+        whole = self._observed(theta, plan, laplace, points, solve, own)
         return whole.expand(len(theta), *whole.shape[-3:])
 
     def frf_direct(
@@ -491,7 +521,7 @@ class PlateModel(nn.Module):
         response: Points | None = None,
         reference: Points | None = None,
         kind: str | None = None,
-        decay: float = 0.0,
+        decay: float | Tensor = 0.0,
         *,
         check: bool = True,
     ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
@@ -502,7 +532,7 @@ class PlateModel(nn.Module):
         system = self.assembly.system(*plan)
         solve = functools.partial(direct_receptance, system)
         laplace = laplace_lines(as_frequency(frequency, theta, check), decay)
-        whole = self._observed(theta, plan, laplace, points, solve)
+        whole = self._observed(theta, plan, laplace, points, solve, response is None and reference is None)
         found = whole.expand(*theta.shape[:-1], *whole.shape[-3:])
         return found.to(torch.complex64) if single else found
 
@@ -522,7 +552,7 @@ class PlateModel(nn.Module):
             solve: from s, response rows and reference rows to receptances.
         """
         laplace = laplace_lines(frequency.to(theta), 0.0)
-        return self._observed(theta, plan, laplace, self._points(None, None, None), solve)
+        return self._observed(theta, plan, laplace, self._points(None, None, None), solve, own=True)
 
     def _observed(
         self,
@@ -531,10 +561,12 @@ class PlateModel(nn.Module):
         laplace: Tensor,
         points: tuple[Tensor, Tensor | None, str],
         solve: Callable[[Tensor, Tensor, Tensor], Tensor],
+        own: bool = False,
     ) -> Tensor:
-        """Receptances as the sensor chain reports them."""
+        """Receptances as the sensor chain reports them, at the model's own points or at others."""
         response, reference, kind = points
-        chain = self._chain(theta, plan, laplace, response, reference)
+        chain = self.chain(theta, plan, laplace, response, reference, own)
+        reference = self.struck(reference) if own else reference
         left = self.assembly.rows(self.mesh.deflection_at(chain.response))
         of_plate = self._with_hung(plan, reference, solve)
         right = self.excitation(plan, reference)
@@ -562,10 +594,24 @@ class PlateModel(nn.Module):
 
         return loaded
 
-    def _chain(
-        self, theta: Tensor, plan: Plan, laplace: Tensor, response: Tensor, reference: Tensor | None
+    def struck(self, reference: Tensor | None) -> Tensor | None:
+        """Where the model's own hits are, off their marks as they are."""
+        off = None if self.off_marks is None else self.off_marks.reference
+        return reference if reference is None or off is None else reference + off
+
+    def chain(
+        self,
+        theta: Tensor,
+        plan: Plan,
+        laplace: Tensor,
+        response: Tensor,
+        reference: Tensor | None,
+        own: bool,
     ) -> SensorChain:
+        """What is read, of the model's own points or of others."""
         chain, value = sensor_chain(laplace, response, reference), self.values(theta)
+        if own and self.off_marks is not None:
+            chain = chain._replace(response=chain.response + self.off_marks.response)
         for label, effect in self.effects.items():
             chain = effect.observe(self.mesh, chain, value[label], plan.geometry)
         return chain

@@ -97,12 +97,19 @@ class ForwardSelection:
         alone = self.against(target.holding_out(target.heldout | odd)).again(baseline)
         changed = exchanged(target.heldout, target.measurement.measured, self._misfit(alone))
         twin = self.against(target.holding_out(changed))
-        return twin, twin.here(alone)
+        beside = twin.here(alone)
+        if not bool(outliers(target.measurement.measured, twin._misfit(beside)).any()):
+            # They disagreed with a baseline that had ended elsewhere, and agree with this one, which takes them in.
+            beside = twin.again(beside)
+        return twin, beside
 
     def _misfit(self, baseline: State) -> Float[Tensor, "n_response n_reference"]:
-        """Mean square of each FRF's residuals over their variance."""
-        target = self.builder.target
-        return ((target.measured - baseline.fit.expected).abs().square() / target.variance).mean(0) / 2
+        """Mean square of each FRF's residuals over what noise and nuisances make expected."""
+        fit, target = baseline.fit, self.builder.target
+        every = target.holding_out(torch.zeros_like(target.heldout))
+        power = every.marginal(fit.reduced, fit.theta, fit.about).power()
+        square = (target.measured - fit.expected).abs().square()
+        return torch.where(power > 0, square / power.clamp(min=1e-300), 0.0).mean(0)
 
     def _beside_turned(self, baseline: State) -> State:
         """The baseline as it is beside FRFs of the signs that suit it, if that takes it much nearer."""
@@ -211,7 +218,7 @@ class ForwardSelection:
         about = known_section(single.fit)
         found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit, about=about)
         fallen = found.square <= (1 - self.settings.stopped_soon) * state.fit.square
-        likelier = found.cost < state.fit.cost - max(1.0, ranked.by_chance) and found.square <= state.fit.square
+        likelier = found.cost < state.fit.cost - max(1.0, ranked.by_chance)
         if not found.by_noise or not (fallen or likelier):
             return None
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")

@@ -19,7 +19,7 @@ from torchplate.diagnosis.problem import Prior, Problem, one_level, widely
 from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_noise, known_section
 from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
-from torchplate.diagnosis.selection.shortlist import acts_like, best_of_each, kept, promising
+from torchplate.diagnosis.selection.shortlist import acts_like, best_of_each, contained, kept, promising
 from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.model import PlateModel
 
@@ -119,7 +119,11 @@ class Ranking:
             key = f"{promise.candidate.name} {promise.candidate.options}"
             together.setdefault(key, (promise, []))[1].append(starts)
         found: list[Hypothesis] = []
-        for one, several in together.values():
+        for one, several in sorted(together.values(), key=lambda pair: len(pair[0].candidate.effect.contains)):
+            simpler = contained(one.candidate, {other.name for other in found})
+            if any(is_noise(other.fit) for other in found if other.name in simpler):
+                # It leaves nothing for what is larger.
+                continue
             least = min((other.fit.square for other in (*before, *found)), default=math.inf)
             limit = self.settings.searching.hopeless * least
             found.append(self._refit(state, one.candidate, one.label, torch.cat(several), limit))
@@ -242,7 +246,10 @@ class Ranking:
                 ends.append((float(value[0]), promise, starts))
             ends.sort(key=lambda one: one[0])
             ways = [one for rank, one in enumerate(ends) if rank < n_best or one[0] <= screening.near * ends[0][0]]
-        return [(promise, starts[:n_best]) for _, promise, starts in ways[: screening.n_sharp]]
+        ended = ways[: screening.n_sharp]
+        simpler = {name for _, promise, _ in ended for name in promise.candidate.effect.contains}
+        ended += [one for one in ways[screening.n_sharp :] if one[1].candidate.name in simpler]
+        return [(promise, starts[:n_best]) for _, promise, starts in ended]
 
     def as_supports(
         self, state: State, found: Hypothesis, taken_up: bool = False
@@ -320,5 +327,5 @@ class Ranking:
         whole = with_candidate(state.model, label, candidate)
         about = known_section(state.fit)
         found = fit(self.builder, whole, starts, self.prior, wide=False, hopeless=hopeless, about=about)
-        self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}")
+        self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}, −2 ln L {found.cost:.1f}")
         return Hypothesis(candidate, label, found, n_option=self._n_option.get(candidate.name, 1))

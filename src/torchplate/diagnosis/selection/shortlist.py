@@ -1,6 +1,6 @@
 """Which of the candidates that were scored are refitted, and what of that counts."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.localisation.reach import UNIT
@@ -32,7 +32,13 @@ def promising(promises: Sequence[Scored], wanted: int, settings: Screening) -> l
     ranked = sorted(best, key=lambda name: -best[name][0].drop)[:wanted]
     names = [name for name in ranked if best[name][0].drop >= settings.faint * best[ranked[0]][0].drop]
     names += [other for name in names for other in alike[id(best[name][0])] if other in best]
+    names = [one for name in names for one in (*contained(best[name][0].candidate, best), name)]
     return [promise for name in dict.fromkeys(names) for promise in best[name]]
+
+
+def contained(candidate: Candidate, names: Container[str]) -> list[str]:
+    """The simpler effects of these names that a candidate becomes at an end of its parameters."""
+    return [name for name in candidate.effect.contains if name in names]
 
 
 def kept(promises: Sequence[Scored], hypotheses: Sequence[Hypothesis], state: State, settings: Screening) -> bool:

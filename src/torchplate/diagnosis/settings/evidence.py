@@ -55,8 +55,8 @@ class HoldingOut:
         part: of the FRFs [-]: a fifth checks a fit and costs it little.
         few: fewer FRFs than so many [-] can spare none, and do not say where a fault sits or that nothing of the
             catalogue explains them.
-        outlier: an FRF whose misfit is so many times the median's disagrees with all others [-]: it is exchanged if it
-            is held out, since what ails it alone must be seen to be found.
+        outlier: an FRF whose misfit is so many times the median's, and what is expected, disagrees with all others
+            [-]: it is exchanged if it is held out, since what ails it alone must be seen to be found.
         one_in: such FRFs are one in so many at most [-]; where there are more, it is the model that disagrees.
     """
 

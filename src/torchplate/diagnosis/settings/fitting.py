@@ -48,17 +48,18 @@ class Meshes:
 
 @dataclass(frozen=True)
 class WideLevels:
-    """The levels at which spectra are smoothed, from the widest to the narrowest; the sharp one comes after them.
+    """The levels at which FRFs are looked at beside the frequency axis, from wide to narrow; the sharp one comes last.
 
     Args:
-        widths: half-widths of the kernel, relative to the frequency [-].
+        widths: how far beside it, relative to the frequency [-].
         n_iteration: of least squares at each [-]: enough to see which starts lead somewhere.
         tolerance: relative fall of the sum of squares at which it has come to rest [-].
         damping: of its first step [-].
-        per_width: lines of a smoothed spectrum for each half-width [-].
-        least: every how many-th line is smoothed, so that there are no fewer than this [-].
+        per_width: lines that are looked at for each half-width [-].
+        most: lines that are looked at, at most [-].
+        lowest: the first of them is no lower than this part of the last [-].
         around: the level around a line is taken over this part of its frequency on either side [-].
-        most_mixed: FRFs that are smoothed, at most [-]: more are mixed to so many.
+        most_mixed: FRFs that are looked at, at most [-]: more are mixed to so many.
         told: a parameter off by its standard deviation weighs as much as this part of all that is measured [-].
         screened: the level at which candidates are scored where peaks do not overlap, counted from 0 [-].
     """
@@ -68,7 +69,8 @@ class WideLevels:
     tolerance: float = 1e-2
     damping: float = 1e-2
     per_width: float = 1.3
-    least: int = 350
+    most: int = 350
+    lowest: float = 0.01
     around: float = 0.08
     most_mixed: int = 10
     told: float = 0.05
