@@ -7,8 +7,10 @@ still finds in the residual is taken away. Because the poles are fitted as poles
 costs two numbers and leaves no error behind, where a polynomial through its neighbours fails.
 
 The residual's squares, whose expectation is known exactly for a given noise, are regressed on the two-component model
-σ² = a + b |H|², a ≥ 0 of the sensor and b ≥ 0 in proportion to the signal. The coherence, with the number of averages,
-is a second opinion.
+σ² = a g(f) + b |H|², a ≥ 0 of the sensor and b ≥ 0 in proportion to the signal. g is flat in what the sensor reads,
+which need not be what the FRF says: an accelerometer's floor falls with f⁻⁴ in the power of a receptance. Displacement,
+velocity and acceleration are tried, and the likelihood decides. The coherence, with the number of averages, is a second
+opinion.
 
 Sources: Golub and Pereyra, "Separable nonlinear least squares", Inverse Problems 19 (2003); Kaufman, BIT 15 (1975), for
 the Jacobian; McKelvey and Guérin, "Non-parametric frequency response estimation using a local rational model", IFAC
@@ -18,7 +20,7 @@ coherence.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -43,6 +45,11 @@ N_STEP: Final = 12
 CLIP: Final = 6.0
 # What a second number must lower twice the negative log-likelihood by to weigh as much as the first alone.
 PRICE: Final = 2.0
+# Power of the frequency by which a sensor's floor goes in the FRF's own kind, where it is flat in one of three motions;
+# and what it must lower twice the negative log-likelihood by, beside the flat one: a choice of three, for certain.
+MOTIONS: Final = ("displacement", "velocity", "acceleration")
+ORDER: Final = {"receptance": 0, "mobility": 1, "accelerance": 2}
+CERTAIN: Final = 20.0
 # Scoring steps of a noise level.
 N_SCORE: Final = 12
 # A line is worth a pole where its squares are above their expectation by this more than noise gets.
@@ -153,12 +160,16 @@ def _from_smoothness(
             crude, frf, torch.zeros_like(crude), said, lambda other: (crude / other.clamp(min=1e-300)).mean(0)
         )
     scale = frf.abs().square().mean(0).sqrt()
-    fit = _Fit.of(measurement.frequency.to(frf.real), frf / scale)
+    line = measurement.frequency.to(frf.real)
+    fit = _Fit.of(line, frf / scale)
+    motion, flat = fit.flattest(_floors(measurement.kind, line))
+    if motion:
+        fit = _Fit.of(line, frf / scale, flat)
     sensor, signal = fit.level.unbind(-1)
     smooth = fit.smooth
-    variance = 0.5 * (sensor + signal * smooth.abs().square()) * scale.square()
+    variance = 0.5 * (sensor * flat[:, None] + signal * smooth.abs().square()) * scale.square()
     kinds = (
-        f"{math.sqrt(float(sensor.mean())):.2%} of each FRF's root mean square at every line and "
+        f"{math.sqrt(float(sensor.mean())):.2%} of each FRF's root mean square at every line{motion} and "
         f"{math.sqrt(float(signal.mean())):.2%} of |H| itself"
     )
     own = "" if not fit.n_own else f"; {fit.n_own} of {frf.shape[1]} FRFs have a noise of their own"
@@ -175,6 +186,16 @@ def _from_smoothness(
         lambda other: fit.times(2 * other / scale.square()),
         (pole, residue * scale, polynomial * scale),
     )
+
+
+def _floors(kind: str, line: Float[Tensor, " n_line"]) -> dict[str, Float[Tensor, " n_line"]]:
+    """Course over the lines, of mean 1, of a sensor's floor of power that is flat in another motion than the FRF's."""
+    if kind not in ORDER:
+        return {}
+    place = line.clamp(min=float(line[min(1, len(line) - 1)]))
+    powers = {motion: 2.0 * (ORDER[kind] - order) for order, motion in enumerate(MOTIONS) if order != ORDER[kind]}
+    courses = {motion: (place / place[-1]) ** power for motion, power in powers.items()}
+    return {motion: course / course.mean() for motion, course in courses.items()}
 
 
 def _of_all(
@@ -205,8 +226,9 @@ class _Basis(NamedTuple):
 class _Fit:
     """Poles common to all FRFs, free residues, and the noise that is left; FRFs come with a root mean square of 1."""
 
-    def __init__(self, frequency: Tensor, frf: Tensor) -> None:
+    def __init__(self, frequency: Tensor, frf: Tensor, flat: Tensor | None = None) -> None:
         self.frequency, self.frf = frequency, frf
+        self.flat = (torch.ones_like(frequency) if flat is None else flat)[:, None]
         self.step = float((frequency[-1] - frequency[0]) / (len(frequency) - 1))
         middle = 0.5 * (frequency[0] + frequency[-1])
         scaled = (frequency - middle) / (0.5 * (frequency[-1] - frequency[0]))
@@ -219,9 +241,14 @@ class _Fit:
         self.n_own = 0
 
     @classmethod
-    def of(cls, frequency: Float[Tensor, " n_line"], frf: Complex[Tensor, "n_line n_frf"]) -> "_Fit":
-        """The fit with all poles that the lines show."""
-        fit = cls(frequency, frf)
+    def of(
+        cls,
+        frequency: Float[Tensor, " n_line"],
+        frf: Complex[Tensor, "n_line n_frf"],
+        flat: Float[Tensor, " n_line"] | None = None,
+    ) -> "_Fit":
+        """The fit with all poles that the lines show, beside a sensor's floor of this course; flat where left out."""
+        fit = cls(frequency, frf, flat)
         fit.weigh()
         fit.add(fit._first_lines())
         for _ in range(N_ROUND):
@@ -266,13 +293,13 @@ class _Fit:
         """First guess: a from second differences in the valleys, an upper bound; b of one per cent."""
         third = (self.frf[1:-1] - 0.5 * (self.frf[:-2] + self.frf[2:])).abs().square() / 1.5
         low = self.power[1:-1] <= self.power[1:-1].quantile(0.4, dim=0)
-        sensor = torch.where(low, third, torch.nan).nanmedian(dim=0).values / math.log(2)
+        sensor = torch.where(low, third / self.flat[1:-1], torch.nan).nanmedian(dim=0).values / math.log(2)
         return torch.stack([sensor.median().expand(len(sensor)), torch.full_like(sensor, 1e-4)], dim=-1)
 
     def weigh(self) -> None:
         """Weigh each line by one over its mean noise over the FRFs."""
         sensor, signal = self.level.mean(0)
-        mean = (sensor + signal * self.power.mean(-1)).clamp(min=1e-24)
+        mean = (sensor * self.flat[:, 0] + signal * self.power.mean(-1)).clamp(min=1e-24)
         self.weight = (mean / mean.log().mean().exp()).rsqrt()
         self.target = self.frf * self.weight[:, None]
 
@@ -280,7 +307,7 @@ class _Fit:
         """Peaks of the mean amplitude that stand 3 dB over their flanks, where these are above the noise."""
         from scipy.signal import find_peaks  # here: half of what importing this package takes
 
-        decibel = 10 * (self.power + 20 * self.level[:, 0]).mean(-1).clamp(min=1e-20).log10()
+        decibel = 10 * (self.power + 20 * self.level[:, 0] * self.flat).mean(-1).clamp(min=1e-20).log10()
         lines, found = find_peaks(decibel.cpu().numpy(), prominence=3.0)
         most = self._room()
         order = torch.as_tensor(found["prominences"].copy()).argsort(descending=True)[:most]
@@ -395,7 +422,8 @@ class _Fit:
         square = (self._detrended(self.residual) if final else self.residual).abs().square()
         squared_weight = self.weight.square()[:, None]
         signal = squared_weight * self.smooth.abs().square()
-        reached, left = (self._reach_exactly if final else self._reach)(torch.cat([squared_weight, signal], dim=1))
+        parts = torch.cat([squared_weight * self.flat, signal], dim=1)
+        reached, left = (self._reach_exactly if final else self._reach)(parts)
         self.design = torch.stack([reached[:, :1].expand_as(square), reached[:, 1:]], dim=-1)
         self.square = square
         y, x = square[left > LEFT], self.design[left > LEFT]
@@ -417,6 +445,22 @@ class _Fit:
                 break
         self.n_own = int((~common).sum())
         self.level = torch.where(common[:, None], pooled, own)
+
+    def flattest(self, floors: Mapping[str, Float[Tensor, " n_line"]]) -> tuple[str, Float[Tensor, " n_line"]]:
+        """The course of a sensor's floor that the squares of the residual make likeliest, and of which motion it is.
+
+        Args:
+            floors: courses that it may have, beside a flat one.
+        """
+        best, found = math.inf, ("", torch.ones_like(self.frequency))
+        for motion, flat in {"": found[1], **floors}.items():
+            reached, left = self._reach(self.weight.square()[:, None] * flat[:, None])
+            design = torch.stack([reached.expand_as(self.square), self.design[..., 1]], dim=-1)
+            y, x = self.square[left > LEFT], design[left > LEFT]
+            cost = float(_regressed(y, x)[1].sum()) + (CERTAIN if motion else 0.0)
+            if cost < best:
+                best, found = cost, (f", flat in {motion}," if motion else "", flat)
+        return found
 
     def times(self, variance: Float[Tensor, "n_line n_frf"]) -> Float[Tensor, " n_frf"]:
         """How many times the squares of the residual are what this variance of both parts together makes expected."""
