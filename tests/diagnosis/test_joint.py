@@ -85,7 +85,7 @@ def test_no_way_ends_less_probable_than_it_began(workshop, seed):
     after, truth = (
         joint._judged(where, off, places)[1]
         for where, off, places in (
-            (ended.position, ended.found.shift, ended.found.places),
+            (ended.position, ended.found.shift, ended.found.channels),
             (workshop.builder.given.space.to_cube(TRUTH), workshop.shift, None),
         )
     )
@@ -132,12 +132,13 @@ def test_hits_far_off_their_marks_are_found_where_they_were(workshop):
     against = builder.against(twin)
     joint = Joint(against, against.given, workshop.specimens, {})
     ended = joint.descend_sharply(against.given.space.to_cube(TRUTH), workshop.shift)
-    places = ended.found.places
+    channels = ended.found.channels
+    (of_response, of_reference), left = channels.places(), channels.places_left()
     # What is said of a place goes beside a specimen that is known; one that is fitted too moves it by some more.
-    assert bool(((places.response - response).abs() < 0.5 + 3 * places.response_left).all())
-    assert bool(((places.reference - off).abs() < 0.5 + 3 * places.reference_left).all())
-    assert float(places.reference_left.max()) < 0.7
+    assert bool(((of_response - response).abs() < 0.5 + 3 * left[0]).all())
+    assert bool(((of_reference - off).abs() < 0.5 + 3 * left[1]).all())
+    assert float(left[1].max()) < 0.7
     # Noise alone is left: χ²/n of some 8,000 numbers scatters by 1.6 %.
-    marginal = joint._beside(ended.position, ended.found.shift, places)
-    left = twin.off(against.predict(workshop.specimens.at(ended.found.shift, places), TRUTH))
-    assert float(marginal.whitened(marginal.residual(left)).square().mean()) < 1.05
+    marginal = joint._beside(ended.position, ended.found.shift, channels)
+    rest = twin.off(against.predict(workshop.specimens.at(ended.found.shift, channels), TRUTH), marginal.about)
+    assert float(marginal.whitened(marginal.residual(rest)).square().mean()) < 1.05

@@ -95,4 +95,4 @@ def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | No
     if len(starts) > 1:
         places, values, _ = joint.beside(start, about).descend(starts, sharp, settings.n_together)
         start = places[values.argmin()]
-    return joint.descend_sharply(start, about.shift, about.places)
+    return joint.descend_sharply(start, about.shift, about.channels)

@@ -4,7 +4,8 @@ A section that wanders by a part of a per cent moves modes by more than the widt
 is off by a tenth shows far above a good test's noise. The FRFs are not linear in either, and a fit of the parameters
 alone, beside a covariance, ends wherever the peaks happen to catch. Here both are unknowns of one least squares, each
 term of the specimen with its own prior: first where spectra are smoothed a little, then at the sharp level beside the
-nuisances that are left. Places of sensors and hits are among these, and taken anew wherever they are looked at again.
+nuisances that are left. What each channel has of its own, its place, level and drift, is among these, and taken anew
+wherever they are looked at again.
 """
 
 import math
@@ -19,7 +20,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.nuisance import specimen_columns
-from torchplate.discrepancy.specimen import Found, Places, Specimens
+from torchplate.discrepancy.specimen import Found, OfChannels, Specimens
 from torchplate.model import PlateModel
 from torchplate.search.jacobian import JACOBIANS
 from torchplate.search.least_squares import least_squares
@@ -73,7 +74,7 @@ class Joint:
         n_iteration: int,
         damping: float,
         marginal: Marginal | None = None,
-        places: Places | None = None,
+        channels: OfChannels | None = None,
     ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n_off"], float]:
         """Least squares in parameters and specimen from one place, at one level.
 
@@ -84,7 +85,7 @@ class Joint:
             n_iteration: at most.
             damping: of the first step.
             marginal: noise and the other nuisances, for the sharp level; left out, about the start.
-            places: of sensors and hits, which stay as they are.
+            channels: what each has of its own, which stays as it is.
 
         Returns:
             Position, shift, and half the sum of squares there, priors included.
@@ -93,14 +94,14 @@ class Joint:
         n, far = len(position), 2 * self.settings.farthest
         shift = self._known(shift)
         if sharp and marginal is None:
-            marginal = self._beside(position, shift, places)
+            marginal = self._beside(position, shift, channels)
 
         def residual(whole: Float[Tensor, "*batch n_both"]) -> Float[Tensor, "*batch n_residual"]:
-            rows = [self._residual(row[:n], far * (row[n:] - 0.5), places, level, marginal) for row in _rows(whole)]
+            rows = [self._residual(row[:n], far * (row[n:] - 0.5), channels, level, marginal) for row in _rows(whole)]
             return torch.stack(rows).unflatten(0, whole.shape[:-1])
 
         def jacobian(whole: Float[Tensor, "*batch n_both"]) -> Float[Tensor, "*batch n_residual n_both"]:
-            rows = [self._jacobian(row[:n], far * (row[n:] - 0.5), places, level, marginal) for row in _rows(whole)]
+            rows = [self._jacobian(row[:n], far * (row[n:] - 0.5), channels, level, marginal) for row in _rows(whole)]
             return torch.stack([_times(one, n, far) for one in rows]).unflatten(0, whole.shape[:-1])
 
         start = torch.cat([position.clamp(0.0, 1.0), 0.5 + shift / far])[None]
@@ -129,7 +130,7 @@ class Joint:
         return place[:n], far * (place[n:] - 0.5), float(ended.objective[0])
 
     def descend_sharply(
-        self, position: Float[Tensor, " n"], shift: Float[Tensor, " n_known"], places: Places | None = None
+        self, position: Float[Tensor, " n"], shift: Float[Tensor, " n_known"], channels: OfChannels | None = None
     ) -> Ended:
         """At the sharp level, the other nuisances linear about where each part of the way begins.
 
@@ -139,32 +140,32 @@ class Joint:
         Args:
             position: of the parameters, on the unit cube.
             shift: of the specimen, in standard deviations, as far as it is known.
-            places: of sensors and hits, as far as they are known.
+            channels: what each has of its own, as far as it is known.
         """
         settings, sharp = self.settings, self.target.levels - 1
         here, value, n_iteration = (position, self._known(shift)), math.inf, settings.n_together
-        marginal, cost, seen = self._judged(*here, places)
+        marginal, cost, seen = self._judged(*here, channels)
         for _ in range(settings.n_way):
-            *end, half = self.descend(*here, sharp, n_iteration, settings.damping, marginal, places)
+            *end, half = self.descend(*here, sharp, n_iteration, settings.damping, marginal, channels)
             value = min(value, half)
             for part in settings.parts if n_iteration == 1 else (1.0,):
                 there = torch.lerp(here[0], end[0], part), torch.lerp(here[1], end[1], part)
-                at = seen if places is None or seen is None else places.towards(seen, part)
+                at = seen if channels is None or seen is None else channels.towards(seen, part)
                 beside, after, again = self._judged(*there, at)
                 if after < cost:
                     break
             fallen = cost - after
             if fallen > 0:
-                here, marginal, cost, places, seen = there, beside, after, at, again
+                here, marginal, cost, channels, seen = there, beside, after, at, again
             if fallen < max(settings.little, 2 * settings.tolerance * value):
                 if n_iteration == 1 or fallen > 0:
                     break
                 n_iteration = 1
         self._before = None
-        slope = self._jacobian(*here, places, sharp, marginal)
+        slope = self._jacobian(*here, channels, sharp, marginal)
         n = len(position)
         spread = torch.linalg.pinv(slope.mT @ slope, hermitian=True, rtol=1e-12)[n:, n:]
-        return Ended(here[0], Found(here[1], spread, places), value)
+        return Ended(here[0], Found(here[1], spread, channels), value)
 
     def beside(self, position: Float[Tensor, " n"], about: Found) -> Problem:
         """The fit of the parameters alone, the specimen as it was found."""
@@ -178,39 +179,43 @@ class Joint:
         found[:n] = shift[:n].clamp(-far, far)
         return found
 
-    def _judged(self, position: Tensor, shift: Tensor, places: Places | None) -> tuple[Marginal, float, Places | None]:
-        """Noise and nuisances about a place, −2 ln of its posterior probability beside them, and the places it says."""
-        marginal = self._beside(position, shift, places)
-        problem, theta = self._problem(shift, places, marginal), self.model.space.to_si(position)
-        residual = marginal.residual(self.target.off(self.builder.predict(problem.model, theta)))
+    def _judged(
+        self, position: Tensor, shift: Tensor, channels: OfChannels | None
+    ) -> tuple[Marginal, float, OfChannels | None]:
+        """Noise and nuisances about a place, −2 ln of its posterior probability, and what it says of channels."""
+        marginal = self._beside(position, shift, channels)
+        problem, theta = self._problem(shift, channels, marginal), self.model.space.to_si(position)
+        residual = marginal.residual(self.target.off(self.builder.predict(problem.model, theta), marginal.about))
         prior = problem.told(theta).square().sum() + (shift / self.std).square().sum()
-        seen = marginal.places(residual)
+        seen = marginal.channels(residual)
         return marginal, marginal.cost(residual) + float(prior), seen and seen.within(self.settings.farthest)
 
-    def _beside(self, position: Tensor, shift: Tensor, places: Places | None) -> Marginal:
+    def _beside(self, position: Tensor, shift: Tensor, channels: OfChannels | None) -> Marginal:
         """Noise and the nuisances that are left."""
         theta, nothing = self.model.space.to_si(position), position.new_zeros(0)
-        about = None if places is None else Found(nothing, nothing[:, None], places)
-        return self.target.marginal(self.specimens.at(shift, places), theta, about, specimen=False).rescaled(self.scale)
+        about = None if channels is None else Found(nothing, nothing[:, None], channels)
+        return self.target.marginal(self.specimens.at(shift, channels), theta, about, specimen=False).rescaled(
+            self.scale
+        )
 
-    def _problem(self, shift: Tensor, places: Places | None, marginal: Marginal | None) -> Problem:
-        return Problem(self.builder, self.specimens.at(shift, places), self.prior, marginal)
+    def _problem(self, shift: Tensor, channels: OfChannels | None, marginal: Marginal | None) -> Problem:
+        return Problem(self.builder, self.specimens.at(shift, channels), self.prior, marginal)
 
     def _weight(self, level: int, n_residual: int) -> float:
         """Of a term that is off by its standard deviation."""
         return 1.0 if level == self.target.levels - 1 else self.target.settings.wide.told * n_residual**0.5
 
     def _residual(
-        self, position: Tensor, shift: Tensor, places: Places | None, level: int, marginal: Marginal | None
+        self, position: Tensor, shift: Tensor, channels: OfChannels | None, level: int, marginal: Marginal | None
     ) -> Tensor:
-        found = self._problem(shift, places, marginal).residual(position, level)
+        found = self._problem(shift, channels, marginal).residual(position, level)
         return torch.cat([found, self._weight(level, len(found)) * shift / self.std])
 
     def _jacobian(
-        self, position: Tensor, shift: Tensor, places: Places | None, level: int, marginal: Marginal | None
+        self, position: Tensor, shift: Tensor, channels: OfChannels | None, level: int, marginal: Marginal | None
     ) -> Tensor:
         """Of the parameters by differences, of the specimen by its modes."""
-        problem, n = self._problem(shift, places, marginal), len(position)
+        problem, n = self._problem(shift, channels, marginal), len(position)
 
         def along(where: Tensor) -> Tensor:
             return problem.residual(where, level)

@@ -117,8 +117,8 @@ def settled(
                 position = problem.descend(position[None], target.levels - 1, settings.n_together)[0][0]
             else:
                 joint = Joint(builder, model, specimens, prior, scale)
-                shift, places = (position.new_zeros(0), None) if about is None else (about.shift, about.places)
-                position, about, _ = joint.descend_sharply(position, shift, places)
+                shift, channels = (position.new_zeros(0), None) if about is None else (about.shift, about.channels)
+                position, about, _ = joint.descend_sharply(position, shift, channels)
             reduced, marginal = beside(position, about, scale)
         found = judged_beside(builder, model, reduced, prior, position, marginal)
         # Likelihoods about a uniform section and about one that wanders are not of one kind.
@@ -167,11 +167,11 @@ def judged_beside(
     prediction = expected = builder.predict(reduced, theta)
     if marginal.about is not None:
         prediction = builder.predict(as_it_is_meant(reduced), theta)
-    judged = marginal.judge(marginal.residual(target.off(expected)))
+    judged = marginal.judge(marginal.residual(target.off(expected, marginal.about)))
     problem = Problem(builder, reduced, prior, marginal)
 
     def over_noise(where: Tensor) -> Tensor:
-        off = target.off(builder.predict(reduced, reduced.space.to_si(where)))
+        off = target.off(builder.predict(reduced, reduced.space.to_si(where)), marginal.about)
         return marginal.over_noise(off)
 
     n = len(model.names)

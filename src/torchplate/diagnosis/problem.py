@@ -65,7 +65,7 @@ class Problem:
         sharp = level == self.target.levels - 1
         if sharp:
             assert self.marginal is not None
-            found = self.marginal.whitened(self.marginal.residual(self.target.off(prediction)))
+            found = self.marginal.whitened(self.marginal.residual(self.target.off(prediction, self.marginal.about)))
         else:
             found = self.target.residual(prediction, level)
         if not self._index:

@@ -20,7 +20,7 @@ from torchplate.diagnosis.settings import SETTINGS, DiagnosisSettings
 from torchplate.diagnosis.smoothing import Smoothing
 from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.nuisance import modes_near, nuisances, place_std
-from torchplate.discrepancy.specimen import Found, Specimens, as_it_is_meant
+from torchplate.discrepancy.specimen import Found, OfChannels, Specimens, as_it_is_meant
 from torchplate.discrepancy.wandering import UNIFORM, Wandering
 from torchplate.effects import Effect
 from torchplate.measurement import PERFECT, Imperfections, Measurement
@@ -204,6 +204,9 @@ class FrfTarget:
             about: how far off the specimen is that it is.
             specimen: whether it may be any further off.
         """
+        if about is not None and about.channels is not None and self.noise.resonances is None:
+            # Without resonances no drift can be taken off what was measured.
+            about = about._replace(channels=about.channels.without_drift())
         freedom = dict.fromkeys(("mesh",), math.inf)
         told = self.settings.knowledge.told
         freedom |= {field.name: told for field in fields(Imperfections) if self.imperfections.told(field.name)}
@@ -221,9 +224,27 @@ class FrfTarget:
             found = found._replace(common=common, by_response=own, by_reference=other, second_order=second)
         return Marginal(self.variance, found, self.fitted, freedom, self.settings.knowledge, about=found.about)
 
-    def off(self, prediction: Tensor) -> Tensor:
-        """What was measured less a prediction."""
-        return self.measured - prediction
+    def off(self, prediction: Tensor, about: Found | None = None) -> Tensor:
+        """What was measured less a prediction, levels and drifts that were found taken off what was measured.
+
+        Args:
+            prediction: of the FRFs.
+            about: what was found; None for nothing.
+        """
+        return (self.measured if about is None or about.channels is None else self._undone(about.channels)) - prediction
+
+    def _undone(self, channels: OfChannels) -> Complex[Tensor, "n_frequency n_response n_reference"]:
+        """What was measured as it would have been with channels of the right level, all records at once."""
+        known = vars(self).setdefault("_known_undone", (None, None))
+        if known[0] is channels:
+            return known[1]
+        found, drift = self.measured, channels.drift_of_pairs()
+        if drift is not None and self.noise.resonances is not None:
+            moved = self.noise.resonances.moved(self.frequency, drift.expand(found.shape[1:]))
+            found = found + (moved if self.sign is None else moved * self.sign)
+        found = found / channels.level_of_pairs()
+        vars(self)["_known_undone"] = (channels, found)
+        return found
 
     @property
     def variance(self) -> Float[Tensor, "n_frequency n_response n_reference"]:

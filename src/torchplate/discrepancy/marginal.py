@@ -27,7 +27,7 @@ from torch import Tensor
 
 from torchplate.discrepancy.judged import Judged, Knowledge
 from torchplate.discrepancy.nuisance import Nuisances
-from torchplate.discrepancy.specimen import Found, Places
+from torchplate.discrepancy.specimen import Found, OfChannels
 
 # Fixed points are at rest where no scale changes by more than this part; and after so many turns in any case.
 AT_REST, N_TURN = 1e-3, 60
@@ -58,7 +58,7 @@ class Marginal:
         scale: Mapping[str, float] | None = None,
         about: Found | None = None,
     ) -> None:
-        self._given = (variance, nuisances, fitted)
+        self._given, self._nuisances = (variance, nuisances, fitted), nuisances
         self.about = about
         self.second = None if nuisances is None else nuisances.second_order
         self._n_off = 0 if nuisances is None else nuisances.n_off
@@ -86,17 +86,14 @@ class Marginal:
             names += list(nuisances.group[2]) * n_reference
         self.names = tuple(dict.fromkeys(names))
         self.group = torch.tensor([self.names.index(name) for name in names], dtype=torch.int64)
-        n_place = 0 if nuisances is None else nuisances.n_place
         k, k_own, k_other = common.shape[-1], own.shape[-1], other.shape[-1]
-        of_own = k + k_own * torch.arange(n_response)[:, None] + torch.arange(n_place)
+        of_own = k + torch.arange(n_response * k_own).reshape(n_response, k_own)
+        of_other = k + k_own * n_response + torch.arange(n_reference * k_other).reshape(n_reference, k_other)
         carried = {} if nuisances is None else nuisances.carried
         for index, begin in carried.items():
             # A response whose mass moves with it has its place among the common ones, all of x before all of y.
-            of_own[index] = begin + len(carried) * torch.arange(n_place)
-        # A plate that is shaken by its edges is hit nowhere.
-        n_hit = n_reference if k_other else 0
-        of_other = k + k_own * n_response + k_other * torch.arange(n_hit)[:, None] + torch.arange(n_place)
-        self._place = (of_own, of_other) if n_place else None
+            of_own[index, :2] = begin + len(carried) * torch.arange(2)
+        self._channel = (of_own, of_other)
         self.gram = self._gram(own, other)
         scales = [self.scale.get(name, 1.0) for name in self.names]
         self._half = self._whitener(self._root(torch.tensor(scales, dtype=torch.float64)))
@@ -172,30 +169,33 @@ class Marginal:
 
     @functools.cached_property
     def _back(self) -> Float[Tensor, " n_residual"]:
-        """What the specimen and the places make of the residuals about which they were taken."""
+        """What the specimen and the channels make of the residuals, about which these were taken."""
         assert self.about is not None
         value = self.weight.new_zeros(len(self.group))
         value[: self._n_off] = self.about.shift
-        if self._place is not None and self.about.places is not None:
-            for index, one in zip(self._place, self.about.places[:2], strict=True):
+        if self.about.channels is not None:
+            for index, one in zip(self._channel, self.about.channels[:2], strict=True):
                 value[index] = one.to(value)
         return self.across(value)
 
-    def places(self, residual: Float[Tensor, " n_residual"]) -> Places | None:
-        """Where residuals say that sensors and hits are, noise and nuisances as large as was said."""
-        if self._place is None:
+    def channels(self, residual: Float[Tensor, " n_residual"]) -> OfChannels | None:
+        """What residuals say of each channel, noise and nuisances as large as was said."""
+        if self._nuisances is None:
             return None
         root = self._root(torch.tensor([self.scale.get(name, 1.0) for name in self.names], dtype=torch.float64))
         inverse = torch.cholesky_inverse(self._lower(root, 1.0))
-        return self._places(root * (inverse @ (root * self.along(residual))), root, inverse)
+        return self._of_channels(root * (inverse @ (root * self.along(residual))), root, inverse)
 
-    def _places(self, shift: Tensor, root: Tensor, inverse: Tensor) -> Places | None:
+    def _of_channels(self, shift: Tensor, root: Tensor, inverse: Tensor) -> OfChannels | None:
         """Of nuisances and their posterior covariance."""
-        if self._place is None:
+        j = self._nuisances
+        if j is None:
             return None
         left = root * inverse.diagonal().clamp(min=0).sqrt()
-        response, reference = self._place
-        return Places(shift[response], shift[reference], left[response], left[reference])
+        own, other = self._channel
+        return OfChannels(
+            shift[own], shift[other], left[own], left[other], j.of_response, j.of_reference, j.level, j.drift
+        )
 
     def whitened(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch n_residual"]:
         """(D + J S Jᵀ)^−½ of residuals over √D, with noise as large as was said."""
@@ -292,8 +292,8 @@ class Marginal:
         scales = dict(zip(self.names, scale.tolist(), strict=True))
         root = self._root(scale)
         shift, k = mean * root, self._n_off
-        places = self._places(shift, root, inverse)
-        found = Found(shift[:k], (root[:, None] * inverse * root)[:k, :k], places) if k else None
+        channels = self._of_channels(shift, root, inverse)
+        found = Found(shift[:k], (root[:, None] * inverse * root)[:k, :k], channels) if k else None
         data = self._cost_of_data(residual, shift, noise)
         complexity = cost + prior - data
         return Judged(

@@ -41,7 +41,10 @@ class Nuisances(NamedTuple):
         second_order: what the first order leaves out.
         n_off: the first of the common ones, of what a specimen has of its own: its section, and its modes' damping.
         about: the specimen that they are taken about; None for none.
-        n_place: the first of each channel's, of where it sits.
+        of_response: what the columns of each response are: "x", "y", "level", "drift".
+        of_reference: likewise.
+        level: one standard deviation of a level [-].
+        drift: of a record's frequencies [-].
         carried: responses whose mass moves with them, which all FRFs feel: where each of their places begins among the
             common ones.
     """
@@ -53,7 +56,10 @@ class Nuisances(NamedTuple):
     second_order: SecondOrder
     n_off: int = 0
     about: Found | None = None
-    n_place: int = 0
+    of_response: tuple[str, ...] = ()
+    of_reference: tuple[str, ...] = ()
+    level: float = 0.0
+    drift: float = 0.0
     carried: Mapping[int, int] = MappingProxyType({})
 
 
@@ -123,7 +129,8 @@ def nuisances(
     # Where places are known well, the mesh decides how well.
     far = place_std(imperfections, mesh)
     group = "position_std" if off > mesh[0] else "mesh"
-    n_place = 2 if far > 0 else 0
+    of_response: list[str] = ["x", "y"] if far > 0 else []
+    of_reference: list[str] = ["x", "y"] if far > 0 and reference is not None else []
     carried: dict[int, int] = {}
     weighs = _carried(model, modal, chain, theta) if far > 0 else {}
     for side, order in zip(sides, ((1, 0), (0, 1)), strict=True) if far > 0 else ():
@@ -143,17 +150,21 @@ def nuisances(
     group, level = ("calibration_std", level) if level > mesh[1] else ("mesh", mesh[1])
     if level > 0:
         own.append((group, level * reading))
+        of_response.append("level")
         if n_reference > 1:
             other.append((group, level * reading))
+            of_reference.append("level")
     drift = imperfections.std("frequency_drift")
     if drift > 0 and max(n_response, n_reference) > 1:
         # What moves from record to record is what there is more of.
         moved = 2 * drift * modal.eigenvalue * modal.kappa
         change = to_reading(-sum_of_modes(modal, modal.left, modal.right, moved / modal.denominator))
         (other if n_reference >= n_response else own).append(("frequency_drift", change))
+        (of_reference if n_reference >= n_response else of_response).append("drift")
 
     nothing = torch.zeros_like(modal.eigenvalue)
-    moving: dict[str, Tensor] = {"frequency_drift": 2 * drift * modal.eigenvalue, "mesh": nothing.clone()}
+    left = 1.0 if about is None or about.channels is None else about.channels.drift_left()
+    moving: dict[str, Tensor] = {"frequency_drift": 2 * drift * left * modal.eigenvalue, "mesh": nothing.clone()}
     moving["mesh"][elastic] = 2 * shift * modal.eigenvalue[elastic]
     # By each term, of the modes in the band and a little above it.
     each = (stiffness - modal.eigenvalue * mass).diagonal(dim1=-2, dim2=-1).mT.clone()
@@ -185,7 +196,20 @@ def nuisances(
     columns = [_stacked([change for _, change in part], reading) for part in (common, own, other)]
     names = [tuple(name for name, _ in part) for part in (common, own, other)]
     groups = (names[0], names[1], names[2])
-    return Nuisances(columns[0], columns[1], columns[2], groups, second_order, n_off, about, n_place, carried)
+    return Nuisances(
+        columns[0],
+        columns[1],
+        columns[2],
+        groups,
+        second_order,
+        n_off,
+        about,
+        tuple(of_response),
+        tuple(of_reference),
+        level,
+        drift,
+        carried,
+    )
 
 
 @torch.no_grad()
@@ -290,8 +314,7 @@ def _places_again(
 
     E ν⁴ = 3 for a curvature ½ w,xx ν², E ν²μ² = 1 for products of two. Of places that were found, what is left of ν.
     """
-    places = None if about is None else about.places
-    left = (None, None) if places is None else (places.response_left, places.reference_left)
+    left = (None, None) if about is None or about.channels is None else about.channels.places_left()
 
     def rows(place: Tensor, of_side: Tensor | None, order: tuple[int, int]) -> Tensor:
         size = off[0] ** order[0] * off[1] ** order[1]

@@ -19,33 +19,84 @@ from torchplate.model.extrapolation import on_mesh
 from torchplate.plate import Correction, Unevenness
 
 
-class Places(NamedTuple):
-    """How far sensors and hits are off their marks along x and y, as FRFs say, in standard deviations.
+class OfChannels(NamedTuple):
+    """What each channel of a test has of its own, as FRFs say, in standard deviations.
 
     Attributes:
-        response: posterior means.
-        reference: likewise; none where the plate is shaken by its edges.
+        response: posterior means, for each response in the order of `of_response`.
+        reference: likewise for each reference.
         response_left: posterior standard deviations.
         reference_left: likewise.
+        of_response: what it is: "x" and "y", off the mark along a side; "level" and "drift", relative.
+        of_reference: likewise.
+        level: one standard deviation of a level [-].
+        drift: of a record's frequencies [-].
     """
 
-    response: Float[Tensor, "n_response 2"]
-    reference: Float[Tensor, "n_reference 2"]
-    response_left: Float[Tensor, "n_response 2"]
-    reference_left: Float[Tensor, "n_reference 2"]
+    response: Float[Tensor, "n_response k_own"]
+    reference: Float[Tensor, "n_reference k_other"]
+    response_left: Float[Tensor, "n_response k_own"]
+    reference_left: Float[Tensor, "n_reference k_other"]
+    of_response: tuple[str, ...]
+    of_reference: tuple[str, ...]
+    level: float = 0.0
+    drift: float = 0.0
 
-    def within(self, most: float) -> "Places":
+    def within(self, most: float) -> "OfChannels":
         """So many standard deviations at most."""
         return self._replace(response=self.response.clamp(-most, most), reference=self.reference.clamp(-most, most))
 
-    def towards(self, other: "Places", part: float) -> "Places":
-        """A part of the way to other places."""
-        return Places(*(torch.lerp(one, there, part) for one, there in zip(self, other, strict=True)))
+    def towards(self, other: "OfChannels", part: float) -> "OfChannels":
+        """A part of the way to others."""
+        return other._replace(
+            response=torch.lerp(self.response, other.response, part),
+            reference=torch.lerp(self.reference, other.reference, part),
+        )
 
-    @property
-    def each(self) -> Float[Tensor, " n_off"]:
-        """The means, one after another: x and y of each response, then of each reference."""
-        return torch.cat([self.response.flatten(), self.reference.flatten()])
+    def without_drift(self) -> "OfChannels":
+        """The same with all records alike."""
+        parts = {"response": self.of_response, "reference": self.of_reference}
+        kept = {side: torch.tensor([float(one != "drift") for one in names]) for side, names in parts.items()}
+        return self._replace(
+            response=self.response * kept["response"].to(self.response),
+            reference=self.reference * kept["reference"].to(self.reference),
+        )
+
+    def places(self) -> tuple[Tensor | None, Tensor | None]:
+        """How far each response and each reference is off its mark; None where that is not among what is known."""
+        return self._both("x", self.response, self.reference, 2)
+
+    def places_left(self) -> tuple[Tensor | None, Tensor | None]:
+        """How far they may be off still."""
+        return self._both("x", self.response_left, self.reference_left, 2)
+
+    def drift_left(self) -> float:
+        """Root mean square of what is left of the drift of a record; 1 where none was found."""
+        parts = [
+            part[:, 0] for part in self._both("drift", self.response_left, self.reference_left, 1) if part is not None
+        ]
+        return float(torch.cat(parts).square().mean().sqrt()) if parts else 1.0
+
+    def level_of_pairs(self) -> Float[Tensor, "#n_response #n_reference"]:
+        """What the levels make of each FRF, a factor [-]."""
+        found = self.response.new_ones(1, 1)
+        of_response, of_reference = self._both("level", self.response, self.reference, 1)
+        if of_response is not None:
+            found = found * (1 + self.level * of_response)
+        return found if of_reference is None else found * (1 + self.level * of_reference.mT)
+
+    def drift_of_pairs(self) -> Float[Tensor, "#n_response #n_reference"] | None:
+        """How much higher the natural frequencies of each FRF's record are [-]; None where that is not known."""
+        of_response, of_reference = self._both("drift", self.response, self.reference, 1)
+        found = of_response if of_response is not None else None if of_reference is None else of_reference.mT
+        return None if found is None else self.drift * found
+
+    def _both(self, what: str, response: Tensor, reference: Tensor, n: int) -> tuple[Tensor | None, Tensor | None]:
+        found = []
+        for part, names in ((response, self.of_response), (reference, self.of_reference)):
+            at = names.index(what) if what in names else -1
+            found.append(part[:, at : at + n] if at >= 0 else None)
+        return found[0], found[1]
 
 
 class Found(NamedTuple):
@@ -55,24 +106,24 @@ class Found(NamedTuple):
         shift: posterior means, in standard deviations: of each term of the section, then of ln damping of the lowest
             modes.
         spread: their posterior covariance.
-        places: of sensors and hits; None where they are taken to be on their marks.
+        channels: what each of them has of its own; None where they are taken to be as they are meant.
     """
 
     shift: Float[Tensor, " n_off"]
     spread: Float[Tensor, "n_off n_off"]
-    places: Places | None = None
+    channels: OfChannels | None = None
 
     def within(self, most: float) -> "Found":
         """Shifts of so many standard deviations at most: a model about farther ones would be no plate any more."""
-        places = None if self.places is None else self.places.within(most)
-        return self._replace(shift=self.shift.clamp(-most, most), places=places)
+        channels = None if self.channels is None else self.channels.within(most)
+        return self._replace(shift=self.shift.clamp(-most, most), channels=channels)
 
     def of(self, n: int) -> "Found":
         """The same for so many: modes that came in are as they may be, of those that left nothing is said."""
         old = min(n, len(self.shift))
         shift, spread = self.shift.new_zeros(n), torch.eye(n).to(self.spread)
         shift[:old], spread[:old, :old] = self.shift[:old], self.spread[:old, :old]
-        return Found(shift, spread, self.places)
+        return Found(shift, spread, self.channels)
 
 
 class Specimens:
@@ -118,20 +169,20 @@ class Specimens:
 
     def of(self, found: Found | None) -> PlateModel:
         """The model of the specimen that was found; the uniform plate where none was."""
-        return self.uniform if found is None else self.at(found.shift, found.places)
+        return self.uniform if found is None else self.at(found.shift, found.channels)
 
-    def at(self, shift: Float[Tensor, " n_off"], places: Places | None = None) -> PlateModel:
-        """The model of a specimen so many standard deviations off in each, tested at these places."""
+    def at(self, shift: Float[Tensor, " n_off"], channels: OfChannels | None = None) -> PlateModel:
+        """The model of a specimen so many standard deviations off in each, its sensors and hits where they are."""
         terms, modes = shift[: self.n_term], shift[self.n_term :]
         stiffness, mass = (torch.einsum("t,tij->ij", terms.to(part), part) for part in (self.stiffness, self.mass))
         uneven = Unevenness(stiffness, mass, *self._measures)
         found = on_mesh(self.uniform, self.uniform.assembly.uneven(uneven))
         if len(modes) and self.damping > 0:
             found = found.with_damping_factors((self.damping * modes).exp())
-        if places is None:
+        response, reference = (None, None) if channels is None else channels.places()
+        if response is None:
             return found
-        reference = places.reference * self.place if len(places.reference) else None
-        return found.with_places_off(places.response * self.place, reference)
+        return found.with_places_off(response * self.place, None if reference is None else reference * self.place)
 
 
 def as_it_is_meant(model: PlateModel) -> PlateModel:

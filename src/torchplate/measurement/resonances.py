@@ -32,15 +32,34 @@ class Resonances:
             frequency: ω / 2π, in the band [Hz].
             decay: σ ≥ 0 [1/s].
         """
-        place = torch.complex(frequency, -decay / (2 * torch.pi)).to(self.pole)
-        fraction = 1 / (self.pole - place.square()[:, None])
+        found = self._columns(torch.complex(frequency, -decay / (2 * torch.pi))) @ self._rows.flatten(1)
+        return found.unflatten(1, self.residue.shape[1:])
+
+    def moved(
+        self, frequency: Float[Tensor, " n_frequency"], drift: Float[Tensor, "n_response n_reference"]
+    ) -> Complex[Tensor, "n_frequency n_response n_reference"]:
+        """What it takes to undo a drift of each FRF's record: H(f (1 + δ)) − H(f).
+
+        Args:
+            frequency: lines [Hz].
+            drift: δ, relative rise of all natural frequencies in that record [-].
+        """
+        found, here = self.residue.new_zeros(len(frequency), *drift.shape), self._columns(frequency)
+        for one in drift.unique().tolist():
+            which = drift == one
+            found[:, which] = (self._columns(frequency * (1 + one)) - here) @ self._rows[:, which]
+        return found
+
+    @property
+    def _rows(self) -> Complex[Tensor, "n_part n_response n_reference"]:
+        return torch.cat([self.residue, self.smooth])
+
+    def _columns(self, frequency: Tensor) -> Complex[Tensor, "n_frequency n_part"]:
+        """The fractions 1 / (q − f²) and the polynomials, at complex frequencies too."""
+        place = frequency.to(self.pole)
         low, high = self.band
         x = (place - 0.5 * (low + high)) / (0.5 * (high - low))
-        before, this = torch.ones_like(x), x
-        columns = [before, this]
-        for _ in range(len(self.smooth) - 2):
-            before, this = this, 2 * x * this - before
-            columns.append(this)
-        polynomial = torch.stack(columns[: len(self.smooth)], dim=-1)
-        found = fraction @ self.residue.flatten(1) + polynomial @ self.smooth.flatten(1)
-        return found.unflatten(1, self.residue.shape[1:])
+        columns = [torch.ones_like(x), x]
+        while len(columns) < len(self.smooth):
+            columns.append(2 * x * columns[-1] - columns[-2])
+        return torch.cat([1 / (self.pole - place.square()[:, None]), torch.stack(columns, dim=-1)], dim=1)
