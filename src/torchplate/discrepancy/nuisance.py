@@ -156,11 +156,13 @@ def nuisances(
             of_reference.append("level")
     drift = imperfections.std("frequency_drift")
     if drift > 0 and max(n_response, n_reference) > 1:
-        # What moves from record to record is what there is more of.
+        # A file does not say whether sensors or hits were moved from record to record.
         moved = 2 * drift * modal.eigenvalue * modal.kappa
         change = to_reading(-sum_of_modes(modal, modal.left, modal.right, moved / modal.denominator))
-        (other if n_reference >= n_response else own).append(("frequency_drift", change))
-        (of_reference if n_reference >= n_response else of_response).append("drift")
+        for count, part, what in ((n_response, own, of_response), (n_reference, other, of_reference)):
+            if count > 1:
+                part.append(("frequency_drift", change))
+                what.append("drift")
 
     nothing = torch.zeros_like(modal.eigenvalue)
     left = 1.0 if about is None or about.channels is None else about.channels.drift_left()

@@ -88,8 +88,10 @@ class OfChannels(NamedTuple):
     def drift_of_pairs(self) -> Float[Tensor, "#n_response #n_reference"] | None:
         """How much higher the natural frequencies of each FRF's record are [-]; None where that is not known."""
         of_response, of_reference = self._both("drift", self.response, self.reference, 1)
-        found = of_response if of_response is not None else None if of_reference is None else of_reference.mT
-        return None if found is None else self.drift * found
+        if of_response is None or of_reference is None:
+            found = of_response if of_reference is None else of_reference.mT
+            return None if found is None else self.drift * found
+        return self.drift * (of_response + of_reference.mT)
 
     def _both(self, what: str, response: Tensor, reference: Tensor, n: int) -> tuple[Tensor | None, Tensor | None]:
         found = []

@@ -342,9 +342,6 @@ def _explains_much(state: State, settings: Selecting) -> bool:
 
 def _worth_their_names(state: State, settings: Selecting) -> State:
     """Without the last effects, where something else is missing still and they only stand in for a little of it."""
-    while state.previous is not None:
-        seen = is_noise(state.fit) or not state.fit.by_noise or state.fit.gap <= settings.shows * state.previous.fit.gap
-        if seen and _explains_much(state, settings):
-            break
+    while state.previous is not None and not _explains_much(state, settings):
         state = state.previous
     return state
