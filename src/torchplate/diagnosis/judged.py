@@ -32,6 +32,7 @@ class Fit(NamedTuple):
         judged: its residuals on what the fit saw.
         prior: what the tolerances add to the sum of squares.
         gap: over all that was measured.
+        left: the same of what is expected: what the specimen that was found leaves.
         marginal: noise and nuisances beside it.
         information: of the data on theta, on the unit cube.
         told: inverse variance of what is known of each parameter beforehand, on the unit cube.
@@ -51,6 +52,7 @@ class Fit(NamedTuple):
     judged: Judged
     prior: float
     gap: float
+    left: float
     marginal: Marginal
     information: Float[Tensor, "n_parameter n_parameter"]
     told: Float[Tensor, " n_parameter"]
@@ -198,6 +200,7 @@ def judged_beside(
         judged,
         float(told.square().sum()),
         target.whole_gap(prediction),
+        target.whole_gap(expected),
         marginal,
         information,
         known,

@@ -260,7 +260,7 @@ class ForwardSelection:
         about = known_section(state.fit)
         settled = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False, about=about))
         if little:
-            small = tuple(one for one in state.named if one.before.gap < self.settings.small_gap * target.floor)
+            small = tuple(one for one in state.named if one.before.left < self.settings.small_gap * target.floor)
             settled = self.exchange.without_needless(settled, builder, small)
             self.builder.count(builder.n_evaluation)
         return settled
@@ -274,7 +274,7 @@ class ForwardSelection:
             by_cost: a smaller gap alone is not enough, if the model is believed.
         """
         after = hypothesis.fit
-        gaps = [float(self.builder.target.gap(one.prediction)) for one in (before, after)]
+        gaps = [one.left for one in (before, after)]
         settings = self.settings
         part = settings.explains_much if hypothesis.candidate.searched else settings.explains_some
         smaller = gaps[1] <= settings.explains_some * gaps[0] and not (by_cost and after.by_noise)

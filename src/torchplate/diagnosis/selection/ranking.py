@@ -52,13 +52,12 @@ class Ranking:
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         by_chance = 0.0
-        gap = float(builder.target.gap(state.fit.prediction))
         screening, selecting = self.settings.screening, self.settings.selecting
-        if gap < screening.overlapping or misfit <= screening.nearly_right:
+        if state.fit.left < screening.overlapping or misfit <= screening.nearly_right:
             promises, by_chance = self._nearby(state, base, everyone)
-            # Where nothing but noise is left, and the best promises no more than chance does, the best two are a check.
+            # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
             best = promises[0].drop * state.fit.square if promises else 0.0
-            wanted = selecting.n_best if is_noise(state.fit) and best <= by_chance else screening.n_sharp
+            wanted = 1 if is_noise(state.fit) and best <= by_chance else screening.n_sharp
             chosen = [(promise, promise.starts) for promise in promising(promises, wanted, screening)]
         hypotheses: list[Hypothesis] = []
         if misfit > screening.nearly_right:
@@ -145,7 +144,7 @@ class Ranking:
         near = [
             one
             for one in sorted(state.ranked.hypotheses, key=lambda one: one.cost)
-            if one.name not in named and one.fit.gap < self.settings.selecting.shows * state.previous.fit.gap
+            if one.name not in named and one.fit.left < self.settings.selecting.shows * state.previous.fit.left
         ]
         found = []
         for one in near[: self.settings.selecting.n_again]:
