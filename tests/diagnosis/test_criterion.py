@@ -202,6 +202,9 @@ def test_what_nuisances_cost_is_not_tempered():
     # The same fall of the data's part is worth no more than the model of the noise is.
     worse = fitted(40.0, n=1e6)
     assert evidence(worse, weight) - evidence(plain, weight) == pytest.approx(weight * 40.0)
+    # Where far more than noise is left, nuisances that have taken some of it say no more than the data.
+    plain, wide = (fitted(cost, complexity=cost, n=1e6, noise_scale=100.0) for cost in (0.0, 4e4))
+    assert evidence(wide, weight) - evidence(plain, weight) < 2 * weight * 4e4
 
 
 def test_the_fit_that_leaves_least_says_what_numbers_are_worth():

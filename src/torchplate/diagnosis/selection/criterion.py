@@ -112,7 +112,9 @@ def evidence(fit: Fit, weight: float) -> float:
         occam = float(torch.linalg.slogdet(scaled).logabsdet)
     on_bound = -2 * math.log(fit.comparison.on_bound) * fit.n_on_bound
     judged = fit.judged
-    return weight * (judged.cost - judged.complexity) + judged.complexity + fit.prior + occam + on_bound
+    # Where far more than noise is left, nuisances take on what the model lacks, and say no more than the data do.
+    full = weight + (1 - weight) / max(1.0, judged.noise_scale**2)
+    return weight * (judged.cost - judged.complexity) + full * judged.complexity + fit.prior + occam + on_bound
 
 
 def weight_of(fits: Sequence[Fit]) -> float:

@@ -170,8 +170,8 @@ class ForwardSelection:
             choice = self._restarted(state, choice)
             single = self._added(state, choice, ranked)
             if not state.named and (lower := self._lower(state, single, ranked)) is not None:
-                # Where nothing but noise is left beside it, and where this was the second time, the ranking holds.
-                holds = (lowered or is_noise(choice.best.fit)) and is_needed(lower.fit, choice.best, ranked.by_chance)
+                # The ranking was beside another baseline; where this was the second time, it holds.
+                holds = lowered and is_needed(lower.fit, choice.best, ranked.by_chance)
                 self.begun, state, lowered = lower, lower, True
                 if not holds:
                     rankings = []

@@ -21,6 +21,7 @@ from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
 from torchplate.diagnosis.selection.shortlist import acts_like, best_of_each, contained, kept, promising
 from torchplate.diagnosis.selection.trace import Ranked, State
+from torchplate.discrepancy.specimen import Found
 from torchplate.model import PlateModel
 
 
@@ -172,8 +173,11 @@ class Ranking:
             if len(close) < 2:
                 break
             ends = [(one, one.fit.model.space.to_cube(one.fit.theta)[None]) for one in close]
-            again = [self._refit(state, one.candidate, one.label, end) for one, end in ends]
-            found = sorted([*again, *found[len(close) :]], key=lambda one: one.cost)
+            again = [
+                self._refit(state, one.candidate, one.label, end, about=known_section(one.fit)) for one, end in ends
+            ]
+            better = [min(pair, key=lambda one: one.cost) for pair in zip(close, again, strict=True)]
+            found = sorted([*better, *found[len(close) :]], key=lambda one: one.cost)
             if least - found[0].cost < within:
                 break
         return found
@@ -322,9 +326,10 @@ class Ranking:
         label: str,
         starts: Tensor,
         hopeless: float = math.inf,
+        about: Found | None = None,
     ) -> Hypothesis:
         whole = with_candidate(state.model, label, candidate)
-        about = known_section(state.fit)
+        about = about or known_section(state.fit)
         found = fit(self.builder, whole, starts, self.prior, wide=False, hopeless=hopeless, about=about)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}, −2 ln L {found.cost:.1f}")
         return Hypothesis(candidate, label, found, n_option=self._n_option.get(candidate.name, 1))
