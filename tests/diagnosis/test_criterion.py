@@ -43,7 +43,14 @@ def fitted(cost: float, information: Sequence[float] = (), **others: Any) -> Fit
     judged = judged._replace(**{key: others.pop(key) for key in tuple(others) if key in Judged._fields})
     seen = torch.diag(torch.tensor(information, dtype=torch.float64))
     n = len(information)
-    fields = {"prior": 0.0, "gap": 0.1, "told": torch.zeros(n, dtype=torch.float64), "n_modal": 300.0, "n_mode": 10}
+    fields = {
+        "prior": 0.0,
+        "left": 0.1,
+        "gap": 0.1,
+        "told": torch.zeros(n, dtype=torch.float64),
+        "n_modal": 300.0,
+        "n_mode": 10,
+    }
     return Fit(
         model=None,  # type: ignore[arg-type]
         reduced=None,  # type: ignore[arg-type]
