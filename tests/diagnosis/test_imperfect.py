@@ -7,6 +7,7 @@ import torchplate as tp
 from torchplate.diagnosis.holdout import held_out
 from torchplate.diagnosis.remarks import would_take
 from torchplate.diagnosis.selection.criterion import excessive, is_noise
+from torchplate.diagnosis.selection import forward
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
@@ -119,6 +120,26 @@ def test_a_fit_that_is_judged_again_costs_what_it_did(lab):
     again = selection.here(baseline)
     assert torch.equal(again.fit.theta, baseline.fit.theta)
     assert again.fit.cost == pytest.approx(baseline.fit.cost, abs=1.0)
+
+
+@torch.no_grad()
+def test_frfs_that_turn_out_to_agree_are_taken_in_again(lab, monkeypatch):
+    """Or every effect would be held against a baseline that was not fitted to them."""
+    selection = selection_of(hammered(lab, 1, TOLD), given(), TOLD)
+    baseline = selection.baseline()
+    asked = []
+
+    def first_odd(measured, misfit):
+        asked.append(misfit)
+        odd = torch.zeros_like(measured)
+        odd[0, :2] = len(asked) == 1
+        return odd
+
+    monkeypatch.setattr(forward, "outliers", first_odd)
+    robust, taken = selection.robust_baseline(baseline)
+    assert len(asked) == 2
+    # Nothing is left to be had by fitting it to them once more.
+    assert taken.fit.cost < robust.again(taken).fit.cost + 2.0
 
 
 @pytest.mark.check
