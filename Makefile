@@ -8,7 +8,7 @@ VENV = .venv
 BIN = $(VENV)/bin
 
 .DEFAULT_GOAL = help
-.PHONY: help run diagnose test check docs paper blind real clean
+.PHONY: help run diagnose test check docs paper blind real chairs clean
 
 help:
 	@echo "make run       set up, then identify the paper's plate by DE and ABC; results in runs/"
@@ -19,13 +19,14 @@ help:
 	@echo "make paper     reproduce the paper's tables and figures (20 seeds)"
 	@echo "make blind     name hidden effects in cases made by other discretisations (STRATUM=clean, workshop, tables, real or shapes; one hour)"
 	@echo "make real      diagnose the measured plates of ../shared/data, where they are"
+	@echo "make chairs    time three users from a file to an answer"
 	@echo "make clean     remove the virtual environment and caches"
 
 run: $(VENV)/.run
-	$(BIN)/python -m torchplate.cli.main_job
+	$(BIN)/python -m torchplate.studies.main_job
 
 diagnose: $(VENV)/.run
-	$(BIN)/python -m torchplate.cli.hidden_effect
+	$(BIN)/python -m torchplate.studies.hidden_effect
 
 # A process for each core takes the tests file by file, with one thread: on small matrices the threads of two pools that
 # share few cores wait for each other.
@@ -54,7 +55,7 @@ docs: $(VENV)/.docs
 	@echo "Open site/index.html; its search works where a server serves it: $(BIN)/python -m http.server --directory site"
 
 paper: $(VENV)/.run
-	$(BIN)/python -m torchplate.cli.paper
+	$(BIN)/python -m torchplate.studies.paper
 
 # STRATUM=workshop, tables, real or shapes; CASES=0:20, say.
 SET ?= I
@@ -65,7 +66,10 @@ blind: $(VENV)/.check
 	@for set in $(SET); do $(BIN)/python tests/blind --stratum $(STRATUM) --set $$set --out runs/blind/$$set --cases $(CASES) || exit 1; done
 
 real: $(VENV)/.run
-	$(BIN)/python -m torchplate.cli.real
+	$(BIN)/python -m torchplate.studies.real
+
+chairs: $(VENV)/.run
+	$(BIN)/python -m torchplate.studies.chairs
 
 clean:
 	rm -rf $(VENV) site .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -11,13 +11,17 @@ import torchplate
 
 ROOT = Path(torchplate.__file__).parent
 # Each room may use itself and those before it; search stands alone; diagnosis, identification, bench and examples may
-# use all of these, the report may use diagnosis and identification too, the command line all but the examples.
+# use all of these, the report may use diagnosis and identification too, the command line all but the examples and the
+# studies, which stand above it and are used by none.
 ROW = ("plate", "effects", "model", "measurement", "discrepancy")
 MAY_USE = {room: {*ROW[: index + 1]} for index, room in enumerate(ROW)}
 MAY_USE |= {"search": {"search"}, "examples": {*ROW, "search", "examples"}}
 MAY_USE |= {room: {*ROW, "search", room} for room in ("bench", "diagnosis", "identification")}
 MAY_USE |= {"report": {*ROW, "search", "diagnosis", "identification", "report"}}
 MAY_USE |= {"cli": {*ROW, "search", "bench", "diagnosis", "identification", "report", "cli"}}
+MAY_USE |= {"studies": {*MAY_USE["cli"], "studies"}}
+# `torchplate --help` waits for nothing, so that the front of this room imports nothing: the studies name its modules.
+NO_FRONT = {"cli"}
 # What only one file may import, and which.
 ONLY = {"yaml": "cli/config.py", "pydantic": "cli/schema.py", "tensorboard": "cli/log.py"}
 VAGUE = {"utils", "util", "misc", "helpers", "helper", "common", "core", "base", "manager"}
@@ -55,6 +59,36 @@ def test_the_arrows_point_one_way(path):
     used = {module.split(".")[1] for module in imports(path) if module.startswith("torchplate.")}
     # `nearest` is no room but one file, which knows nothing of any.
     assert used <= {*MAY_USE[room], "nearest"}
+
+
+@functools.cache
+def offered(room: str) -> set[str]:
+    """What the front of a room offers: its `__all__`."""
+    for node in ast.parse((ROOT / room / "__init__.py").read_text()).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return set(ast.literal_eval(node.value))
+    return set()
+
+
+def taken(path: Path) -> set[str]:
+    """What a file imports of torchplate, each name with the module that it is taken from."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return {one for one in found if one.startswith("torchplate.")}
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if path.parent != ROOT], ids=name)
+def test_what_another_room_has_is_taken_at_its_front(path):
+    own = {path.relative_to(ROOT).parts[0], "nearest", *NO_FRONT}
+    reached = {tuple(one.split(".")[1:]) for one in taken(path)}
+    beyond = {
+        inner for inner in reached if inner[0] not in own and (len(inner) != 2 or inner[1] not in offered(inner[0]))
+    }
+    assert not beyond
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if path.parent != ROOT], ids=name)

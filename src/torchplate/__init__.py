@@ -8,8 +8,10 @@
 - `discrepancy`: the gap between the two.
 - `identification`: the values of the searched parameters that make it least, and how far to trust them.
 - `diagnosis`: where it comes from: the missing effect, named and added.
+- `report`: results as people read them; writes no file.
 - `bench`: how fast, beside what else there is.
 - `cli`: YAML in, `runs/` out.
+- `studies`: what the project shows of itself, a command each; nothing here imports them.
 - `examples`: the FRF embedded in torch, to copy from; nothing here imports them.
 - `nearest`: the name that was probably meant.
 

@@ -1,5 +1,7 @@
 """Searches laid over each other."""
 
+import csv
+import json
 from io import StringIO
 
 import numpy as np
@@ -7,10 +9,20 @@ import pytest
 from rich.console import Console
 
 from torchplate.cli.compare import compare
+from torchplate.cli.finished import by_plate, differences, read_finished
+from torchplate.report.latex import escaped
+
+
+def said(folders, out=None):
+    """The comparisons, and what was printed."""
+    printed = StringIO()
+    return compare(folders, out, Console(file=printed, width=200)), printed.getvalue()
 
 
 def compared(folders, out):
-    return compare(folders, out, Console(file=StringIO(), width=200))
+    """The comparison of one plate's runs."""
+    (groups,), _ = said(folders, out)
+    return groups
 
 
 def test_de_and_abc_are_laid_over_each_other(finished, tmp_path):
@@ -38,7 +50,8 @@ def test_the_comparison_goes_into_the_folder_above_the_runs(finished, command):
 @pytest.fixture
 def seeds(bench, monkeypatch):
     """Two seeds of one DE, two repeats of the same in one run, and a DE with another weight."""
-    monkeypatch.setattr("torchplate.cli.compare.png", lambda *_: b"")
+    for kind in ("png", "pdf"):
+        monkeypatch.setattr(f"torchplate.report.comparison.{kind}", lambda *_: b"")
     runs = {"a": {}, "b": {"search.seed": 8}, "c": {"search.n_repeat": 2}, "d": {"search.differential_weight": 0.4}}
     return [
         bench.run(["plate.youngs_modulus"], {"search.n_generation": 4} | changes, name).folder
@@ -69,3 +82,102 @@ def test_evaluations_to_the_best_count_up_to_the_first_row_within_a_hundredth(se
             arrived = [step for value, step in zip(row, steps, strict=True) if value <= 1.01 * best]
             assert found == arrived[0] if arrived else np.isnan(found)
     assert any(np.isfinite(group.evaluations).any() for group in groups.values())
+
+
+def test_the_rows_of_the_searches_go_together_over_repeats(seeds, tmp_path):
+    compared(seeds[2:3], tmp_path)
+    rows = table(tmp_path / "searches.csv")
+    result = json.loads((seeds[2] / "result.json").read_text())
+    assert [float(row["objective"]) for row in rows] == pytest.approx(result["repeats"]["objective"], rel=1e-9)
+    ends = {}
+    with (seeds[2] / "history.csv").open() as file:
+        for row in csv.DictReader(file):
+            ends[row["search"]] = row
+    for row in rows:
+        # The history has ten digits.
+        (end,) = (
+            one for one in ends.values() if float(one["best_objective"]) == pytest.approx(float(row["objective"]))
+        )
+        assert float(row["plate.youngs_modulus [Pa]"]) == pytest.approx(float(end["plate.youngs_modulus"]), rel=1e-8)
+
+
+def table(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_tables_hold_the_quartiles_over_the_seeds(seeds, tmp_path):
+    (group,) = compared(seeds[:3], tmp_path).values()
+    rows = {row["quantity"]: row for row in table(tmp_path / "comparison.csv")}
+    for name, values in {"objective": group.objective, "plate.youngs_modulus": group.theta[:, 0]}.items():
+        assert rows[name]["n"] == "4"
+        for quantile, part in {"minimum": 0, "lower quartile": 0.25, "median": 0.5, "upper quartile": 0.75}.items():
+            assert float(rows[name][quantile]) == pytest.approx(np.quantile(values, part), rel=1e-9)
+    assert rows["plate.youngs_modulus"]["unit"] == "Pa"
+    assert [row["run"] for row in table(tmp_path / "searches.csv")] == [str(seeds[place]) for place in (0, 1, 2, 2)]
+    lower, middle, upper = np.quantile(group.theta[:, 0], [0.25, 0.5, 0.75])
+    written = (tmp_path / "comparison.tex").read_text()
+    assert rf"differential\_evolution best/1/bin & {middle:.6g} ({lower:.6g} to {upper:.6g}) \\" in written
+    assert r"plate.youngs\_modulus [Pa]" in written
+
+
+def test_figures_for_paper_are_pdf(finished, tmp_path):
+    compared([found.folder for found in finished.found.values()], tmp_path)
+    for name in ("convergence.pdf", "values.pdf"):
+        assert (tmp_path / name).read_bytes().startswith(b"%PDF-")
+
+
+def test_a_folder_of_runs_is_taken_apart_by_plate(seeds, bench, tmp_path):
+    bench.run(["plate.youngs_modulus"], {"search.n_generation": 2, "mesh.refine": 2}, "e")
+    bench.run(out="evaluated")
+    (bench.folder / "stopped").mkdir()
+    (bench.folder / "stopped" / "history.csv").write_text("")
+    found, printed = said([bench.folder], tmp_path / "compared")
+    assert sorted(sum(len(group.objective) for group in groups.values()) for groups in found) == [1, 5]
+    assert "mesh.refine: left out against 2" in printed
+    assert "stopped is left out" in printed
+    assert "evaluated is left out" in printed
+    assert {path.name for path in (tmp_path / "compared").iterdir()} == {"plate_1", "plate_2"}
+
+
+def test_runs_that_are_named_and_of_two_meshes_are_refused(seeds, bench, command):
+    fine = bench.run(["plate.youngs_modulus"], {"search.n_generation": 2, "mesh.refine": 2}, "e").folder
+    status, _, error = command("compare", seeds[0], fine)
+    assert status == 2
+    assert "mesh.refine: left out against 2" in error
+    assert "apart" in error
+
+
+def test_runs_of_other_measurements_are_of_other_plates_and_copied_configs_of_the_same(seeds, bench):
+    (bench.folder / "other.npz").write_bytes((bench.folder / "plate.npz").read_bytes())
+    other = bench.run(
+        ["plate.youngs_modulus"], {"search.n_generation": 2, "measurement.file": "other.npz"}, "deep/e"
+    ).folder
+    same = bench.run(["plate.youngs_modulus"], {"search.n_generation": 2, "search.seed": 9}, "deep/f").folder
+    plates = by_plate([read_finished(folder) for folder in (seeds[0], other, same)])
+    assert [[run.folder for run in group] for group in plates] == [[seeds[0], same], [other]]
+    assert differences([group[0].plate for group in plates]) == [
+        f"measurement.file: {bench.folder / 'plate.npz'} against {bench.folder / 'other.npz'}"
+    ]
+
+
+def test_searches_in_another_interval_are_a_line_of_their_own(seeds, bench, tmp_path):
+    changes = {"search.n_generation": 4, "effects.plate.youngs_modulus": [1.9e11, 2.2e11]}
+    narrow = bench.run(["plate.youngs_modulus"], changes, "narrow").folder
+    groups = compared([seeds[0], narrow], tmp_path)
+    assert [len(group.objective) for group in groups.values()] == [1, 1]
+    assert any("plate.youngs_modulus in [190000000000.0, 220000000000.0]" in name for name in groups)
+
+
+def test_comparisons_of_plates_in_folders_of_their_own_go_beside_their_runs(bench, monkeypatch):
+    for kind in ("png", "pdf"):
+        monkeypatch.setattr(f"torchplate.report.comparison.{kind}", lambda *_: b"")
+    for refine, home in ((1, "coarse"), (2, "fine")):
+        bench.run(["plate.youngs_modulus"], {"search.n_generation": 1, "mesh.refine": refine}, f"runs/{home}/de")
+    said([bench.folder / "runs"])
+    assert (bench.folder / "runs" / "coarse" / "comparison.csv").is_file()
+    assert (bench.folder / "runs" / "fine" / "comparison.csv").is_file()
+
+
+def test_latex_sets_a_table_as_it_is_written():
+    assert escaped("50 % of a_b & {c} \\ N/m²") == r"50 \% of a\_b \& \{c\} \textbackslash{} N/m\textsuperscript{2}"

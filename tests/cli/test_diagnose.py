@@ -174,10 +174,11 @@ def test_the_report_and_the_log_are_there(diagnosed):
     events.Reload()
     scalars = events.Tags()["scalars"]
     assert {"gap/baseline", "gap/point_mass"} <= set(scalars)
-    (baseline,) = events.Scalars("gap/baseline")
-    assert baseline.value == pytest.approx(diagnosed.content["gap"]["baseline"], rel=1e-5)
-    # The step is the number of evaluations.
-    assert baseline.step == diagnosed.found.n_evaluation > 0
+    baseline = events.Scalars("gap/baseline")
+    assert [one.value for one in baseline] == pytest.approx([diagnosed.content["gap"]["baseline"]] * 2, rel=1e-5)
+    # The step is the number of evaluations: a level from the first to the last.
+    assert [one.step for one in baseline] == [0, diagnosed.found.n_evaluation]
+    assert diagnosed.found.n_evaluation > 0
 
 
 def test_the_screen_says_what_was_found_and_where_it_is(diagnosed):

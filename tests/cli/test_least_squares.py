@@ -93,10 +93,11 @@ def test_the_seed_repeats_it_and_another_does_not(bench):
 
 
 def test_compare_lays_it_over_a_population_search(bench, tmp_path, monkeypatch):
-    monkeypatch.setattr("torchplate.cli.compare.png", lambda *_: b"")
+    for kind in ("png", "pdf"):
+        monkeypatch.setattr(f"torchplate.report.comparison.{kind}", lambda *_: b"")
     folders = [bench.run(SEARCHED, search(n_generation=5), out="a").folder]
     folders.append(bench.run(SEARCHED, {"search.n_generation": 5}, out="b").folder)
-    groups = compare(folders, tmp_path)
+    (groups,) = compare(folders, tmp_path)
     assert list(groups) == ["least_squares", "differential_evolution best/1/bin"]
     assert groups["least_squares"].history.best.shape == (1, 6)
 

@@ -1,15 +1,19 @@
 """What TensorBoard is told, and what a piped run says."""
 
+import re
 import time
 from io import StringIO
 
+import numpy as np
 import pytest
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.plugins.custom_scalar.layout_pb2 import Layout
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
 from torchplate.cli.build import SEARCHES
 from torchplate.cli.heartbeat import Heartbeat
+from torchplate.cli.layout import problem_named
 
 ONE = ["plate.youngs_modulus"]
 
@@ -48,11 +52,87 @@ def test_every_run_names_the_settings_of_every_search_and_fills_in_its_own(searc
     for name, folder in searched.items():
         columns[name], own[name] = hparams(folder)
     # Whichever of them TensorBoard meets first, no other loses a column.
-    assert columns["de"] == columns["abc"] == {"optimizer", "seed"} | every
+    assert columns["de"] == columns["abc"] == {"problem", "optimizer", "seed", "n_repeat"} | every
     assert own["de"]["differential_weight"] == 0.6
     assert own["de"]["crossover_rate"] == 0.9
     assert "differential_weight" not in own["abc"]
     assert own["abc"]["n_member"] == 6
+
+
+def metrics(folder) -> set[str]:
+    """What the page shows of results, by their tags."""
+    contents = [one.plugin_data for one in events(folder).summary_metadata.values()]
+    found = [HParamsPluginData.FromString(one.content) for one in contents if one.plugin_name == "hparams"]
+    return {info.name.tag for data in found for info in data.experiment.metric_infos}
+
+
+def layout(folder) -> dict[str, dict[str, list[str]]]:
+    """The charts that a run asks for: the tags of each, by category and title."""
+    read = events(folder)
+    (event,) = read.Tensors("custom_scalars__config__")
+    asked = Layout.FromString(event.tensor_proto.string_val[0])
+    return {
+        category.title: {
+            chart.title: [
+                *chart.multiline.tag,
+                *(tag for one in chart.margin.series for tag in (one.value, one.lower, one.upper)),
+            ]
+            for chart in category.chart
+        }
+        for category in asked.category
+    }
+
+
+def test_no_curve_is_a_single_dot(searched, bench):
+    polished = bench.run(ONE, {"search.n_generation": 1, "search.polish": True, "log.n_figure": 3}, out="polished")
+    for folder in (*searched.values(), polished.folder):
+        read = events(folder)
+        for tag in read.Tags()["scalars"]:
+            assert len({point.step for point in read.Scalars(tag)}) > 1, tag
+
+
+def test_what_the_settings_led_to_are_the_ends_of_curves_that_are_there(bench):
+    found = bench.run(ONE, {"search.n_generation": 2, "search.polish": True})
+    read = events(found.folder)
+    assert metrics(found.folder) == {"search/best_objective", "gap/baseline"}
+    for tag, value in (("search/best_objective", "objective"), ("gap/baseline", "gap")):
+        # Single precision, and a least-squares end near zero.
+        assert read.Scalars(tag)[-1].value == pytest.approx(found.result[value], rel=1e-6, abs=1e-12)
+        assert read.Scalars(tag)[-1].step == found.result["n_evaluation"]
+
+
+def test_two_searches_of_one_problem_share_their_charts(searched):
+    (asked, other) = (layout(folder) for folder in searched.values())
+    assert asked == other
+    (problem,) = asked
+    assert problem == "plate"
+    assert len(asked[problem]) == 3  # best objective, one parameter, gap
+    for folder in searched.values():
+        tags = events(folder).Tags()["scalars"]
+        for wanted in (tag for chart in asked[problem].values() for tag in chart):
+            assert any(re.match(wanted, tag) for tag in tags), wanted
+
+
+def test_a_problem_is_the_config_and_what_was_set_in_it_but_for_the_search(bench):
+    assert problem_named("plate", ["search.seed=3", "search={seed: 3}", "log.n_figure=0"]) == "plate"
+    assert problem_named("plate", ["mesh.refine=2", "measurement.band=[20, 400]"]) == (
+        "plate_mesh.refine_2_measurement.band_20_400"
+    )
+    folder = bench.run(ONE, {"search.n_generation": 1}, overrides=["search.seed=5", "mesh.refine=2"]).folder
+    assert list(layout(folder)) == ["plate_mesh.refine_2"]
+
+
+def test_curves_of_a_problem_are_the_quartiles_over_the_seeds(bench):
+    changes = {"search.n_repeat": 5, "search.n_generation": 2, "search.tolerance": None}
+    found = bench.run(ONE, changes)
+    ends, read = found.result["repeats"], events(found.folder)
+    values = {"best_objective": ends["objective"], ONE[0]: [theta[0] for theta in ends["theta"]]}
+    for name, over_seeds in values.items():
+        for quantile, part in {"lower_quartile": 0.25, "median": 0.5, "upper_quartile": 0.75}.items():
+            curve = read.Scalars(f"problem/plate/{name}/{quantile}")
+            assert [point.step for point in curve] == [10, 20, 30]
+            # Single precision.
+            assert curve[-1].value == pytest.approx(np.quantile(over_seeds, part), rel=1e-6)
 
 
 def test_repeats_are_curves_of_their_own_with_one_tag(bench):

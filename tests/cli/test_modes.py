@@ -60,7 +60,10 @@ def test_run_takes_a_modal_model_and_shows_its_pairs(bench, modes_file, command)
     assert min(pair["mac"] for pair in result["modes"]) > 0.999
     # Twelve members and eight generations bring E to about a percent; the search itself is tested elsewhere.
     assert result["parameters"]["plate.youngs_modulus"]["value"] == pytest.approx(2.04e11, rel=0.02)
-    assert "MAC" in (bench.folder / "out" / "report.md").read_text()
+    told = (bench.folder / "out" / "report.md").read_text()
+    for words in ("MAC of the 6 measured modes", "AutoMAC of the measured modes", "COMAC of 18 points"):
+        assert words in told
+    assert {path.name for path in (bench.folder / "out").glob("*mac.png")} == {"mac.png", "comac.png"}
 
 
 def test_a_modal_model_counts_beside_frfs(bench, make_config, modes_file):

@@ -6,8 +6,8 @@ import torch
 import torchplate as tp
 from torchplate.diagnosis.holdout import held_out
 from torchplate.diagnosis.remarks import would_take
-from torchplate.diagnosis.selection.criterion import excessive, is_noise
 from torchplate.diagnosis.selection import forward
+from torchplate.diagnosis.selection.criterion import excessive, is_noise
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE

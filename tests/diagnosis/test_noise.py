@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from torchplate.effects import CATALOGUE
-from torchplate.measurement.noise import _Fit, noise_level
+from torchplate.measurement.noise import noise_level
+from torchplate.measurement.rational_fit import RationalFit
 
 HIDDEN = {
     "oblong": {},
@@ -214,7 +215,7 @@ def test_one_average_is_refused(lab):
 def test_a_pole_is_never_added_twice(lab):
     # Two poles at one place are one: a basis that has both is singular, and its slope without bound.
     frf = lab.plate().frf(lab.nobody, lab.lines(1.0), lab.nodes[:1], lab.nodes[1:9])
-    fit = _Fit(lab.lines(1.0), frf[:, 0] / frf.abs().mean())
+    fit = RationalFit(lab.lines(1.0), frf[:, 0] / frf.abs().mean())
     fit.weigh()
     line = torch.tensor([0])
     assert [fit.add(line) for _ in range(4)] == [True, True, True, False]

@@ -191,7 +191,8 @@ def test_it_says_where_a_search_looks_for_it(effect, example):
         assert parameter.prior is not None, name
         assert parameter.prior.describe(parameter.unit), name
         found = parameter.prior_interval(plan.section, plan.geometry)
-        Searched(found.low, found.high, parameter.prior.logarithmic)
+        assert isinstance(found, Searched)
+        assert found.logarithmic == parameter.prior.logarithmic, name
         assert found.low in parameter.allowed, name
         assert found.high in parameter.allowed, name
         assert found.low <= example.value[name] <= found.high, f"a search would never meet {effect.name}.{name}"

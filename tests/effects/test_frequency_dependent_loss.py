@@ -9,7 +9,7 @@ import torch
 from torchplate.effects import FrequencyDependentLoss, HystereticDamping, Plate, SupportSpring, ViscousDamping
 from torchplate.model import PlateModel, Searched, SparseModel, reduce
 from torchplate.plate import Mesh
-from torchplate.plate.power_law import FADES, REFERENCE, power_law
+from torchplate.plate.power_law import FADES, REFERENCE_FREQUENCY, power_law
 
 NONE = torch.zeros(0, dtype=torch.float64)
 LINES = torch.linspace(20.0, 400.0, 61, dtype=torch.float64)
@@ -43,8 +43,8 @@ def law(exponent: float, frequency: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("exponent", [-0.6, 0.3, 0.8])
 def test_the_loss_goes_with_a_power_of_the_frequency(exponent: float):
-    frequency = np.array([3.0, REFERENCE, 700.0])
-    np.testing.assert_allclose(law(exponent, frequency).imag, (frequency / REFERENCE) ** exponent, rtol=1e-12)
+    frequency = np.array([3.0, REFERENCE_FREQUENCY, 700.0])
+    np.testing.assert_allclose(law(exponent, frequency).imag, (frequency / REFERENCE_FREQUENCY) ** exponent, rtol=1e-12)
     assert law(exponent, frequency)[1] == pytest.approx(1j)
 
 
@@ -59,13 +59,13 @@ def test_the_modulus_is_that_of_kramers_and_kronig(exponent: float):
     for place in at:
         kernel = 1 / (omega**2 - np.exp(2 * place)) - 1 / (omega**2 - 1)
         expected = -2 / math.pi * step * (omega**2 * loss * kernel).sum()
-        found = law(exponent, REFERENCE * np.exp(np.array([place]))).real[0]
+        found = law(exponent, REFERENCE_FREQUENCY * np.exp(np.array([place]))).real[0]
         # The modulus of an exponent near zero fades in: by (0.01 / n)².
         assert found == pytest.approx(expected, rel=1e-3 + 1.01 * (FADES / exponent) ** 2)
 
 
 def test_an_exponent_of_one_is_a_viscous_loss():
-    viscous = build(stiffness_coefficient=BETA / (2 * math.pi * REFERENCE))
+    viscous = build(stiffness_coefficient=BETA / (2 * math.pi * REFERENCE_FREQUENCY))
     viscous = viscous.replaced(known=viscous.known_values | {"loss.stiffness_loss_factor": 0.0})
     assert distance(build(1.0).frf(NONE, LINES), viscous.frf(NONE, LINES)) < 1e-9
     # In the record of a windowed response, too.
@@ -110,7 +110,7 @@ def test_a_mode_whose_damping_scatters_scatters_about_its_own_law(exponent: floa
     scattered = plain.with_damping_factors(torch.full((20,), factor, dtype=torch.float64))
     found = plain.natural_frequencies(NONE, 12)
     lowest = found[3]
-    assert float(lowest) < 0.7 * REFERENCE
+    assert float(lowest) < 0.7 * REFERENCE_FREQUENCY
     # Around a lone peak the motion is inverse to the damping; where it stands its modulus says.
     lines = torch.linspace(0.99, 1.01, 401, dtype=torch.float64) * lowest
     levels = [one.frf(NONE, lines)[:, 1, 0].abs().max() for one in (plain, scattered)]

@@ -275,9 +275,8 @@ class TestTensorBoard:
         assert set(logged) == {f"gap/{part}{name}" for part in ("", "heldout/") for name in names}
         for name, step in zip(names, found.steps, strict=True):
             for tag, value in ((f"gap/{name}", step.gap), (f"gap/heldout/{name}", step.heldout)):
-                (one,) = logged[tag]
-                assert one.value == pytest.approx(value, rel=1e-6)
-                assert one.step == 4321
+                assert [one.value for one in logged[tag]] == pytest.approx([value] * 2, rel=1e-6)
+                assert [one.step for one in logged[tag]] == [0, 4321]
         images = {f"frf/{response}w_{reference}w" for response in (4, 7) for reference in (1, 6)}
         images |= {"assurance", "map"}
         assert set(events.Tags()["images"]) == images
@@ -298,7 +297,7 @@ class TestTensorBoard:
         assert search.exists()
         events = self.read(tmp_path)
         assert set(events.Tags()["scalars"]) == {"gap/baseline", "gap/point_mass", "gap/point_mass_2"}
-        assert [one.step for one in events.Scalars("gap/baseline")] == [4321]
+        assert [one.step for one in events.Scalars("gap/baseline")] == [0, 4321]
         assert [events.Scalars(tag)[0].value for tag in ("gap/point_mass", "gap/point_mass_2")] == pytest.approx(
             [0.3, 0.2]
         )

@@ -14,3 +14,16 @@
 
 Each part is run in a process of its own, by `torchplate bench`, so that the number of threads is what it says.
 """
+
+from torchplate.bench.generation import generation, memory
+from torchplate.bench.gradient import gradient
+from torchplate.bench.identification import identification
+from torchplate.bench.slopes import slopes
+
+__all__ = [
+    "generation",
+    "gradient",
+    "identification",
+    "memory",
+    "slopes",
+]

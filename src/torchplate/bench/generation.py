@@ -8,10 +8,7 @@ from torch import Tensor
 from torchplate.bench.peer import Peer
 from torchplate.bench.problem import LINES, N_MEMBER, REFERENCE, members, paper_model
 from torchplate.bench.timing import interleaved, peak_memory, rates, seconds
-from torchplate.model import PlateModel, reduce
-from torchplate.model.attach import attach_
-from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, modal_sum
-from torchplate.model.modes import solve_modes
+from torchplate.model import CLOSE, LINES_AT_ONCE, Disc, PlateModel, Stretch, attach_, modal_sum, reduce, solve_modes
 
 # Lines at which every way is compared with a direct solve of the dynamic stiffness.
 N_CHECKED = 25

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from torchplate.bench.published import NAFEMS, SQUARES, SUPPORTED
 from torchplate.effects import HystereticDamping, Plate
-from torchplate.measurement.analyser import Analyser, Spectra
+from torchplate.measurement import Analyser, Spectra
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 

@@ -3,15 +3,16 @@
 - `config`: the YAML file and its errors (the only file with yaml); `schema`: what it may hold, key by key (the only one
   with pydantic); `reference`, `catalogue`: the same for people, and the catalogue of effects.
 - `build`: from a config to model, evidence and optimiser; `memory`: whether its mesh fits the machine.
-- `new`, `new_text`: from a measurement file to a commented config, and its words.
+- `new`, `draft`, `new_text`: from a measurement file to a commented config, what is guessed for it, and its words.
 - `frf`: from time records of hits to FRFs; `modes`: from FRFs to a modal model.
 - `run`, `compare`, `simulate`, `inspect`, `diagnose`: the verbs.
+- `finished`: finished runs below a folder, and which plate each is of; `gathered`: their searches put together.
 - `ranks`: the processes of torchrun that share the search of a run.
 - `folder`: where a run is written and what it is resumed from; `occupied`: by one command at a time; `writing`: files
   that are written whole or not at all; `descents`: what a diagnosis goes on from;
   `checkpoint`: whether a search can go on from a file.
-- `log`: what goes to TensorBoard as it happens; `heartbeat`: a line every ten seconds where no bar can be shown.
-- `main_job`, `hidden_effect`, `paper`, `real`: what `make run`, `make diagnose`, `make paper` and `make real` do.
+- `log`: what goes to TensorBoard as it happens; `layout`: which of it lies over what on a chart; `heartbeat`: a line
+  every ten seconds where no bar can be shown.
 - `bench`: `torchplate bench`, what is fast and beside what.
 - `main`: the command line; `verbs`: what each verb takes, an example of each, and what it calls.
 """

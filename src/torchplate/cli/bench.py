@@ -19,10 +19,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from torchplate.bench.generation import generation, memory
-from torchplate.bench.gradient import gradient
-from torchplate.bench.identification import identification
-from torchplate.bench.slopes import slopes
+from torchplate.bench import generation, gradient, identification, memory, slopes
 from torchplate.cli.writing import whole, write_text
 
 PARTS: dict[str, Callable[[], Any]] = {

@@ -30,6 +30,7 @@ from torchplate.measurement import (
     ModalModel,
     NaturalFrequencies,
     Placement,
+    disagreements,
     in_frame,
     place,
     read_measurement,
@@ -37,12 +38,9 @@ from torchplate.measurement import (
     read_nodes,
     with_nodes,
 )
-from torchplate.measurement.plausibility import disagreements
-from torchplate.model import PlateModel, Point, Searched, extrapolate
-from torchplate.model.usual_ranges import impossible, unusual
+from torchplate.model import PlateModel, Point, Searched, extrapolate, impossible, unusual
 from torchplate.plate import Mesh
-from torchplate.search import OPTIMIZERS, LeastSquares, Optimizer
-from torchplate.search.optimizer import unknown_name
+from torchplate.search import OPTIMIZERS, LeastSquares, Optimizer, unknown_name
 
 T = TypeVar("T")
 # Every search by its name in a config: those that ask and tell, and the one that needs residuals.

@@ -19,7 +19,7 @@ from torchplate.cli.run import device_named
 from torchplate.cli.writing import write_files, write_text
 from torchplate.diagnosis import Diagnosis
 from torchplate.diagnosis import diagnose as find_missing
-from torchplate.discrepancy.notation import percent
+from torchplate.discrepancy import ModalEvidence, percent
 from torchplate.effects import options
 from torchplate.search import Recall, recalling
 
@@ -109,7 +109,7 @@ def diagnose(
                 seed=recipe.config.search.seed,
                 say=lambda text: console.print(f"  {text}", style="dim", highlight=False, markup=False),
             )
-        write(recipe, found, folder, report, str(config))
+        write(recipe, found, folder, report, str(config), evidence.modal_model)
         # There is nothing more to go on from.
         (folder / DESCENTS).unlink(missing_ok=True)
         _say(console, found, folder)
@@ -129,14 +129,17 @@ def tolerances(recipe: Run) -> dict[str, float]:
     return found
 
 
-def write(recipe: Run, found: Diagnosis, folder: Path, report: bool, command: str) -> None:
+def write(
+    recipe: Run, found: Diagnosis, folder: Path, report: bool, command: str, modal: ModalEvidence | None = None
+) -> None:
     """model.yaml, if wanted what people read, and diagnosis.json."""
     write_text(folder / MODEL, dump(_updated(recipe, found, folder)))
     if report:
         from torchplate.cli.log import log_diagnosis
         from torchplate.report import diagnosis_report
 
-        write_files(folder, diagnosis_report(recipe.path.stem, found, folder, f"torchplate diagnose {command}"))
+        command = f"torchplate diagnose {command}"
+        write_files(folder, diagnosis_report(recipe.path.stem, found, folder, command, modal))
         log_diagnosis(folder, found)
     # Last: a folder that holds it holds everything.
     content = found.to_dict() | {"model": MODEL}

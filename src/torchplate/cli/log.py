@@ -13,8 +13,9 @@ from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
+from torchplate.cli.layout import BEST, GAP, of_a_diagnosis, of_a_search, problem_tag, quartiles
 from torchplate.cli.writing import whole, write_bytes
-from torchplate.diagnosis.result import Diagnosis
+from torchplate.diagnosis import Diagnosis
 from torchplate.report import log_figures, step_tags
 from torchplate.search import Progress
 
@@ -32,11 +33,15 @@ class RunLog:
         folder: the run's folder, made if it is not there.
         names: searched parameters, "label.parameter".
         keep: continue the history of a run that was interrupted, up to this generation.
+        problem: what is solved; runs of one problem lie over each other. The folder's name if left out.
     """
 
-    def __init__(self, folder: Path, names: tuple[str, ...], keep: int | None = None) -> None:
+    def __init__(
+        self, folder: Path, names: tuple[str, ...], keep: int | None = None, problem: str | None = None
+    ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self.folder, self.names = folder, names
+        self.folder, self.names, self.problem = folder, names, problem or folder.name
+        self.step = 0
         if keep is None:
             # TensorBoard would draw a run that was in this folder before over the new one.
             for pattern in (f"{_EVENTS}*", f"{REPEAT}*/{_EVENTS}*"):
@@ -49,6 +54,7 @@ class RunLog:
         purge = 1 + max((int(row["n_evaluation"]) for row in self._rows), default=-1)
         self._purge = purge if keep is not None else None
         self._writer = SummaryWriter(str(folder), purge_step=self._purge)
+        self._writer.add_custom_scalars(of_a_search(self.problem, names))
         self._repeats: list[SummaryWriter] = []
         with whole(self._history) as partial, partial.open("w", newline="") as file:
             writer = csv.DictWriter(file, [*HISTORY, *names])
@@ -83,6 +89,8 @@ class RunLog:
         self._curves(progress)
         for name, value in zip(self.names, theta[best].tolist(), strict=True):
             self._writer.add_scalar(f"parameter/{name}", value, step)
+        self._over_seeds(progress, theta)
+        self.step = step
         if progress.snapshot:
             # A curve has no hole where the search goes on from here.
             for events in (self._writer, *self._repeats):
@@ -104,9 +112,23 @@ class RunLog:
             for tag, column in zip(HISTORY[3:], columns, strict=True):
                 writer.add_scalar(f"search/{tag}", float(column[search]), int(progress.n_evaluation[search]))
 
-    def scalar(self, tag: str, value: float, step: int) -> None:
-        """One more scalar."""
-        self._writer.add_scalar(tag, value, step)
+    def _over_seeds(self, progress: Progress, theta: Tensor) -> None:
+        """Median and quartiles over the searches: what lies over another search's of the same problem."""
+        step = int(progress.n_evaluation.double().median())
+        columns = {BEST: progress.best_objective} | dict(zip(self.names, theta.T, strict=True))
+        for quantity, values in columns.items():
+            for name, value in quartiles(self.problem, quantity, values).items():
+                self._writer.add_scalar(name, value, step)
+
+    def gap(self, gap: float, step: int) -> None:
+        """The gap of the best values so far; of the first ones and the last at least, so that it is a curve."""
+        self._writer.add_scalar("gap/baseline", gap, step)
+        self._writer.add_scalar(problem_tag(self.problem, GAP), gap, step)
+
+    def end(self, objective: float, step: int) -> None:
+        """The objective of the result, where the search's own curve ends before it: least squares have followed."""
+        if step > self.step:
+            self._writer.add_scalar("search/best_objective", objective, step)
 
     def figure(self, tag: str, figure: Figure, step: int) -> None:
         """One figure, as an image."""
@@ -118,15 +140,13 @@ class RunLog:
         """Settings and results for the HParams page, in this folder (`add_hparams` would open one more).
 
         TensorBoard takes its columns from whichever run it meets first: so each names those of all searches, and fills
-        in its own.
+        in its own. The results are the ends of curves that are there already, by their tags.
         """
         writer = self._writer._get_file_writer()
         columns, _, _ = hparams(_plain(dict(superset or {}) | dict(settings)), dict(results))
         _, begun, ended = hparams(_plain(settings), dict(results))
         for summary in (columns, begun, ended):
             writer.add_summary(summary)
-        for tag, value in results.items():
-            self._writer.add_scalar(tag, value, 0)
 
     def close(self) -> None:
         """Flush and close."""
@@ -157,7 +177,8 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
 def log_diagnosis(folder: Path, diagnosis: Diagnosis) -> None:
     """Write a diagnosis for TensorBoard: the gap of each step, FRFs before and after, the assurance criteria, the map.
 
-    An earlier diagnosis in the folder is written over; what a search has logged there stays.
+    A gap is a level from the first evaluation to the last, so that those of all models lie over each other. An earlier
+    diagnosis in the folder is written over; what a search has logged there stays.
 
     Args:
         folder: where the event file goes, made if it is not there.
@@ -166,10 +187,12 @@ def log_diagnosis(folder: Path, diagnosis: Diagnosis) -> None:
     for path in folder.glob(f"{_EVENTS}*{_DIAGNOSIS}"):
         path.unlink()
     with SummaryWriter(str(folder), filename_suffix=_DIAGNOSIS) as writer:
+        writer.add_custom_scalars(of_a_diagnosis())
         for name, step in step_tags(diagnosis.steps):
-            writer.add_scalar(f"gap/{name}", step.gap, diagnosis.n_evaluation)
-            if step.heldout is not None:
-                writer.add_scalar(f"gap/heldout/{name}", step.heldout, diagnosis.n_evaluation)
+            for n_evaluation in (0, diagnosis.n_evaluation):
+                writer.add_scalar(f"gap/{name}", step.gap, n_evaluation)
+                if step.heldout is not None:
+                    writer.add_scalar(f"gap/heldout/{name}", step.heldout, n_evaluation)
         for tag, figure in log_figures(diagnosis).items():
             writer.add_figure(tag, figure, diagnosis.n_evaluation, close=False)
 

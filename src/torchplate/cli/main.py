@@ -106,8 +106,7 @@ def _main(given: list[str]) -> int:
 
     from torchplate.cli.config import InputError
     from torchplate.cli.ranks import Ended
-    from torchplate.measurement import MeasurementError
-    from torchplate.measurement.archive import plain
+    from torchplate.measurement import MeasurementError, plain
 
     try:
         VERBS[parsed.verb].call(parsed)

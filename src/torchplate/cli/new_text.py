@@ -7,7 +7,7 @@ from torchplate.measurement import Said
 from torchplate.plate import ELEMENTS_PER_WAVELENGTH
 
 if TYPE_CHECKING:
-    from torchplate.cli.new import Draft
+    from torchplate.cli.draft import Draft
 
 
 def compose(draft: "Draft", file: str, nodes: str | None) -> str:

@@ -15,10 +15,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 
 from torchplate.cli.build import SEARCHES, Run, load_run
-from torchplate.cli.compare import histories
 from torchplate.cli.config import InputError
 from torchplate.cli.folder import check_free, open_folder, read_checkpoint, run_folder
+from torchplate.cli.gathered import histories
 from torchplate.cli.heartbeat import Heartbeat
+from torchplate.cli.layout import problem_named
 from torchplate.cli.log import RunLog
 from torchplate.cli.memory import without_basis
 from torchplate.cli.occupied import occupied
@@ -104,7 +105,8 @@ def run(
                 f"  No generation was finished in {folder}: the search begins anew.", markup=False, soft_wrap=True
             )
         command = _command(path, folder, overrides, device)
-        found = _identified(recipe, objective, optimizer, checkpoint, Place(folder, command, console, ranks))
+        here = Place(folder, command, console, ranks, problem_named(recipe.path.stem, overrides))
+        found = _identified(recipe, objective, optimizer, checkpoint, here)
         return replace(found, remarks=remarks)
 
 
@@ -116,12 +118,14 @@ class Place(NamedTuple):
         command: what goes on with this run.
         console: where progress goes.
         ranks: the processes that share the search, if any.
+        problem: what is solved, for TensorBoard.
     """
 
     folder: Path
     command: str
     console: Console
     ranks: Ranks | None
+    problem: str
 
 
 def _identified(
@@ -132,13 +136,13 @@ def _identified(
     place: Place,
 ) -> Found:
     """Search, and write and log what was found."""
-    folder, command, console, ranks = place
+    folder, command, console, ranks, problem = place
     names = objective.model.names
     log: RunLog | None = None
 
     def search(job: Job) -> Outcome:
         nonlocal log
-        log = RunLog(folder, names, None if checkpoint is None else int(checkpoint["generation"]))
+        log = RunLog(folder, names, None if checkpoint is None else int(checkpoint["generation"]), problem)
         return _search(recipe, Shared(job, folder, command), log, console, ranks)
 
     def check(searched: Objective) -> None:
@@ -213,9 +217,12 @@ def _search(recipe: Run, shared: Shared, log: RunLog, console: Console, ranks: R
             best = int(progress.best_objective.argmin())
             bar.update(task, completed=progress.generation, best=float(progress.best_objective[best]), rate=rate)
             line.beat(progress.generation, float(progress.best_objective[best]), rate)
+            step = int(progress.n_evaluation[best])
+            if progress.generation in {0, *drawn_at}:
+                log.gap(float(searched.gap(theta[best])), step)
             if progress.generation in drawn_at:
                 for tag, figure in frf_figures(searched, theta[best], n_panel).items():
-                    log.figure(tag, figure, int(progress.n_evaluation[best]))
+                    log.figure(tag, figure, step)
 
         return job.search(report, None if ranks is None else ranks.group)
 
@@ -247,9 +254,16 @@ def _logged(recipe: Run, log: RunLog, end: Identified, step: int) -> None:
         log.figure(tag, figure, step)
     assert result.gap is not None
     assert result.objective is not None
-    log.scalar("gap/baseline", result.gap, step)
-    own = {"optimizer": settings.optimizer, "seed": settings.seed} | vars(recipe.optimizer())
-    log.settings(own, {"hparam/objective": result.objective, "hparam/gap": result.gap}, all_settings())
+    log.gap(result.gap, step)
+    log.end(result.objective, step)
+    own = {
+        "problem": log.problem,
+        "optimizer": settings.optimizer,
+        "seed": settings.seed,
+        "n_repeat": settings.n_repeat,
+    }
+    results = {"search/best_objective": result.objective, "gap/baseline": result.gap}
+    log.settings(own | vars(recipe.optimizer()), results, all_settings())
 
 
 def _evaluated(recipe: Run, model: PlateModel, folder: Path, console: Console) -> Found:

@@ -11,7 +11,7 @@ from torchplate.cli.config import InputError
 from torchplate.cli.writing import whole
 from torchplate.measurement import ANALYSERS, Analyser, Hammer, Measurement, hammer_test, write_uff
 from torchplate.model import PlateModel, extrapolate, reduce
-from torchplate.search.optimizer import unknown_name
+from torchplate.search import unknown_name
 
 SUFFIXES = (".uff", ".unv", ".uf", ".npz")
 # The tested plate may live in a reduced basis only if that cannot be told from the plate itself.

@@ -117,7 +117,8 @@ def _new_arguments(parser: ArgumentParser) -> None:
 
 
 def _new(parsed: Parsed) -> None:
-    from torchplate.cli.new import Wishes, new
+    from torchplate.cli.draft import Wishes
+    from torchplate.cli.new import new
 
     wishes = Wishes(
         length=None if parsed.length is None else (parsed.length[0], parsed.length[1]),
@@ -145,7 +146,9 @@ def _simulate(parsed: Parsed) -> None:
 
 
 def _compare_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN_DIR", help="folders of finished runs")
+    parser.add_argument(
+        "runs", type=Path, nargs="+", metavar="RUN_DIR", help="folders of finished runs, or a folder above such"
+    )
     parser.add_argument("--out", type=Path, help="where the comparison goes (default: the folder above the runs)")
 
 
@@ -301,7 +304,10 @@ VERBS: Final = {
     ),
     "compare": Verb(
         "lay finished runs over each other",
-        ("torchplate compare runs/paper/differential_evolution runs/paper/artificial_bee_colony --out runs/compared",),
+        (
+            "torchplate compare runs/paper/differential_evolution runs/paper/artificial_bee_colony --out runs/compared",
+            "torchplate compare runs --out runs/compared    # all that lie there, plate by plate",
+        ),
         _compare_arguments,
         _compare,
     ),

@@ -15,7 +15,23 @@
   `result`: the object that holds it all.
 """
 
+from torchplate.diagnosis.assurance import csac_by_line, csf_by_line, fdac, fdac_frequency, frac_by_channel
 from torchplate.diagnosis.flow import diagnose
-from torchplate.diagnosis.result import Diagnosis
+from torchplate.diagnosis.result import ChannelGap, Diagnosis, Estimate, Location, Named, Overlay, Scored, Step
 
-__all__ = ["Diagnosis", "diagnose"]
+__all__ = [
+    "ChannelGap",
+    "Diagnosis",
+    "Estimate",
+    "Location",
+    "Named",
+    "Overlay",
+    "Scored",
+    "Step",
+    "csac_by_line",
+    "csf_by_line",
+    "diagnose",
+    "fdac",
+    "fdac_frequency",
+    "frac_by_channel",
+]

@@ -10,8 +10,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.discrepancy.assurance import csac, csf, frac
-from torchplate.discrepancy.measure import Measured
+from torchplate.discrepancy import Measured, csac, csf, frac
 from torchplate.measurement import Measurement
 
 # Lines along each side of an FDAC, at most: more cannot be told apart on paper.

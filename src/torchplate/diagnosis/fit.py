@@ -15,8 +15,7 @@ from torchplate.diagnosis.joint import Ended, Joint
 from torchplate.diagnosis.judged import Fit, judged_beside, settled, unfitted
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem, widely
-from torchplate.discrepancy.specimen import Found
-from torchplate.discrepancy.wandering import UNIFORM
+from torchplate.discrepancy import UNIFORM, Found
 from torchplate.model import PlateModel
 
 

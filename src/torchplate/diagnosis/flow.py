@@ -13,8 +13,7 @@ from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.summary import summarise
 from torchplate.diagnosis.table import diagnose_table
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies
-from torchplate.measurement.noise import noise_level
+from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies, noise_level
 from torchplate.model import PlateModel
 
 

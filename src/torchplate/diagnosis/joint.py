@@ -18,13 +18,9 @@ from torch import Tensor
 
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem
-from torchplate.discrepancy.marginal import Marginal
-from torchplate.discrepancy.nuisance import specimen_columns
-from torchplate.discrepancy.specimen import Found, OfChannels, Specimens
+from torchplate.discrepancy import Found, Marginal, OfChannels, Specimens, specimen_columns
 from torchplate.model import PlateModel
-from torchplate.search.jacobian import JACOBIANS
-from torchplate.search.least_squares import least_squares
-from torchplate.search.recall import Descent, recalled
+from torchplate.search import JACOBIANS, Descent, least_squares, recalled
 
 
 class Ended(NamedTuple):

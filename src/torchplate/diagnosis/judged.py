@@ -11,12 +11,9 @@ from torchplate.diagnosis.joint import Joint
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.settings import Comparison
-from torchplate.discrepancy.judged import Judged
-from torchplate.discrepancy.marginal import Marginal
-from torchplate.discrepancy.specimen import Found, Specimens, as_it_is_meant
-from torchplate.discrepancy.wandering import UNIFORM
+from torchplate.discrepancy import UNIFORM, Found, Judged, Marginal, Specimens, as_it_is_meant
 from torchplate.model import PlateModel
-from torchplate.search.jacobian import JACOBIANS
+from torchplate.search import JACOBIANS
 
 
 class Fit(NamedTuple):

@@ -16,9 +16,7 @@ from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.held_edges import held_again, held_edges, on_springs
 from torchplate.diagnosis.settings import Fineness
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.model import PlateModel
-from torchplate.model.extrapolation import Extrapolated, extrapolate, on_mesh
-from torchplate.model.reduced_basis import ritz_basis
+from torchplate.model import Extrapolated, PlateModel, extrapolate, on_mesh, ritz_basis
 from torchplate.plate import Assembly, Mesh
 
 

@@ -8,6 +8,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import Estimate, Named
 from torchplate.diagnosis.selection.criterion import Hypothesis, is_explained
 from torchplate.diagnosis.selection.trace import Naming, State
+from torchplate.discrepancy import percent
 
 # Of the standard normal distribution, at 95 %: nobody chose it.
 QUANTILE = 1.645
@@ -69,11 +70,6 @@ def _values(parameters: Mapping[str, Estimate], hypothesis: Hypothesis) -> str:
     parts = [f"{name} {one.value:.4g}{'' if one.unit == '-' else ' ' + one.unit}" for name, one in parameters.items()]
     parts += [f"{name} {value}" for name, value in hypothesis.candidate.options.items()]
     return ", ".join(parts) or "no number"
-
-
-def percent(part: float) -> str:
-    """A part, in print."""
-    return f"{100 * part:.3g} %"
 
 
 def estimates(fit: Fit) -> dict[str, Estimate]:

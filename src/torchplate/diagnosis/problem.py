@@ -8,10 +8,9 @@ from torch import Tensor
 
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.discrepancy.marginal import Marginal
+from torchplate.discrepancy import Marginal
 from torchplate.model import PlateModel
-from torchplate.search.least_squares import least_squares
-from torchplate.search.recall import Descent, recalled
+from torchplate.search import Descent, least_squares, recalled
 
 Prior = Mapping[str, tuple[float, float]]
 

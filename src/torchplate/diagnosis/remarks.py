@@ -3,13 +3,13 @@
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.localisation.localise import localise
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.naming import percent
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.result import Verdict
 from torchplate.diagnosis.selection.criterion import excessive
 from torchplate.diagnosis.selection.trace import State, Trace
 from torchplate.diagnosis.settings import SETTINGS
-from torchplate.measurement.noise import Noise
+from torchplate.discrepancy import percent
+from torchplate.measurement import Noise
 
 # What the nuisances are called.
 NUISANCES = {

@@ -18,7 +18,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.settings import WideLevels
-from torchplate.measurement.resonances import Resonances
+from torchplate.measurement import Resonances
 
 
 class Level(NamedTuple):

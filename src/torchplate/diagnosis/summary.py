@@ -9,14 +9,15 @@ from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.localisation.localise import localise
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.naming import as_named, estimates, percent
+from torchplate.diagnosis.naming import as_named, estimates
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.remarks import all_remarks, missing_still, nothing_but_chance
 from torchplate.diagnosis.result import Diagnosis, Gap, Location, Named, Overlay, Scored, Step, Verdict
 from torchplate.diagnosis.selection.criterion import evidence, is_explained, weight_of
 from torchplate.diagnosis.selection.screen import twins
 from torchplate.diagnosis.selection.trace import Ranked, State, Trace
-from torchplate.measurement.noise import Noise
+from torchplate.discrepancy import percent
+from torchplate.measurement import Noise
 from torchplate.model import PlateModel
 
 

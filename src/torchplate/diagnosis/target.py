@@ -18,13 +18,20 @@ from torch import Tensor
 
 from torchplate.diagnosis.settings import SETTINGS, DiagnosisSettings
 from torchplate.diagnosis.smoothing import Smoothing
-from torchplate.discrepancy.marginal import Marginal
-from torchplate.discrepancy.nuisance import modes_near, nuisances, place_std
-from torchplate.discrepancy.specimen import Found, OfChannels, Specimens, as_it_is_meant
-from torchplate.discrepancy.wandering import UNIFORM, Wandering
+from torchplate.discrepancy import (
+    UNIFORM,
+    Found,
+    Marginal,
+    OfChannels,
+    Specimens,
+    Wandering,
+    as_it_is_meant,
+    modes_near,
+    nuisances,
+    place_std,
+)
 from torchplate.effects import Effect
-from torchplate.measurement import PERFECT, Imperfections, Measurement
-from torchplate.measurement.noise import Noise
+from torchplate.measurement import PERFECT, Imperfections, Measurement, Noise
 from torchplate.model import PlateModel
 
 

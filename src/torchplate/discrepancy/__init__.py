@@ -17,20 +17,35 @@
 """
 
 from torchplate.discrepancy.assurance import comac, csac, csf, frac, mac
+from torchplate.discrepancy.judged import Judged, Knowledge
+from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.measure import OBJECTIVES, Measured
 from torchplate.discrepancy.modal_evidence import ModalEvidence, ModePair
 from torchplate.discrepancy.norms import coherence_weighted, log_amplitude, relative_amplitude_norm, relative_frf_norm
+from torchplate.discrepancy.notation import percent
+from torchplate.discrepancy.nuisance import modes_near, nuisances, place_std, specimen_columns
 from torchplate.discrepancy.objective import Evidence, Objective
 from torchplate.discrepancy.sensitivity import Sensitivity, sensitivity
+from torchplate.discrepancy.specimen import Found, OfChannels, Specimens, as_it_is_meant
+from torchplate.discrepancy.wandering import UNIFORM, Wandering
 
 __all__ = [
     "OBJECTIVES",
+    "UNIFORM",
     "Evidence",
+    "Found",
+    "Judged",
+    "Knowledge",
+    "Marginal",
     "Measured",
     "ModalEvidence",
     "ModePair",
     "Objective",
+    "OfChannels",
     "Sensitivity",
+    "Specimens",
+    "Wandering",
+    "as_it_is_meant",
     "coherence_weighted",
     "comac",
     "csac",
@@ -38,7 +53,12 @@ __all__ = [
     "frac",
     "log_amplitude",
     "mac",
+    "modes_near",
+    "nuisances",
+    "percent",
+    "place_std",
     "relative_amplitude_norm",
     "relative_frf_norm",
     "sensitivity",
+    "specimen_columns",
 ]

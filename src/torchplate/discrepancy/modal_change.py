@@ -7,11 +7,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 from torch.nn.functional import pad
 
-from torchplate.model import PlateModel
-from torchplate.model.frf import modal_denominator
-from torchplate.model.gradient import modal_impedance
-from torchplate.model.impedance import own_damping
-from torchplate.model.modes import Modes, solve_modes
+from torchplate.model import Modes, PlateModel, modal_denominator, modal_impedance, own_damping, solve_modes
 from torchplate.plate import Plan
 
 # Up to this multiple of the band's end a mode that moves is seen to move: higher ones answer as a spring does.

@@ -19,8 +19,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from torchplate.discrepancy.assurance import mac
-from torchplate.measurement import ModalModel, NaturalFrequencies, place_points
-from torchplate.measurement.natural_frequencies import SCATTER
+from torchplate.measurement import SCATTER, ModalModel, NaturalFrequencies, place_points
 from torchplate.model import DENSE, ModesAt, PlateModel, SparseModel, modes_at
 
 SHAPE_STD: Final = 0.1

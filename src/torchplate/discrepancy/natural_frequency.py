@@ -3,8 +3,7 @@
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.measurement import NaturalFrequencies
-from torchplate.measurement.natural_frequencies import with_std
+from torchplate.measurement import NaturalFrequencies, with_std
 
 
 def mode_weight(table: NaturalFrequencies) -> Float[Tensor, " n_mode"]:

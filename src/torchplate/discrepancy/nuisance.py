@@ -24,9 +24,7 @@ from torchplate.discrepancy.specimen import Found, Specimens
 from torchplate.discrepancy.wandering import Elements, Wandering, terms
 from torchplate.effects import SensorChain
 from torchplate.measurement import Imperfections
-from torchplate.model import PlateModel
-from torchplate.model.frf import as_kind, laplace_lines
-from torchplate.model.modes import solve_modes
+from torchplate.model import PlateModel, as_kind, laplace_lines, solve_modes
 from torchplate.plate import Plan
 
 

@@ -14,8 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.discrepancy.wandering import Elements, Wandering, terms
-from torchplate.model import PlateModel
-from torchplate.model.extrapolation import on_mesh
+from torchplate.model import PlateModel, on_mesh
 from torchplate.plate import Correction, Unevenness
 
 

@@ -23,7 +23,7 @@ from torchplate.effects.ground_spring import GroundSpring
 from torchplate.effects.hysteretic_damping import HystereticDamping
 from torchplate.effects.mesh_discretisation import MeshDiscretisation
 from torchplate.effects.orthotropy import Orthotropy
-from torchplate.effects.parameter import Interval, Parameter, Prior
+from torchplate.effects.parameter import Interval, Parameter, Prior, Searched
 from torchplate.effects.plate import Plate
 from torchplate.effects.point_mass import PointMass
 from torchplate.effects.poisson_ratio import PoissonRatio
@@ -71,6 +71,7 @@ __all__ = [
     "Prior",
     "Rib",
     "RovingMass",
+    "Searched",
     "SensorChain",
     "SensorGain",
     "SensorPosition",

@@ -6,8 +6,7 @@ import torch
 
 from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative, unit_interval
-from torchplate.plate import Mesh, Section
-from torchplate.plate.laminate import laminate
+from torchplate.plate import Mesh, Section, laminate
 
 
 @dataclass(frozen=True)

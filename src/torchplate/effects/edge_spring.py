@@ -9,8 +9,7 @@ from torch import Tensor
 
 from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative
-from torchplate.plate import Local, Mesh
-from torchplate.plate.mesh import EDGES
+from torchplate.plate import EDGES, Local, Mesh
 
 # Gauss points and weights on 0 to 1; three integrate the square of the deflection but for its sixth power.
 POINT = torch.tensor([0.5 - math.sqrt(0.15), 0.5, 0.5 + math.sqrt(0.15)], dtype=torch.float64)

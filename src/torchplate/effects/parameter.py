@@ -8,7 +8,7 @@ from torchplate.plate import Geometry, Section
 
 @dataclass(frozen=True)
 class Interval:
-    """Values a parameter may take, ends included unless `open_low`."""
+    """Values that make physical sense, ends included unless `open_low`; what is `Searched` lies within."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -27,6 +27,33 @@ positive = Interval(0.0, open_low=True)
 nonnegative = Interval(0.0)
 unit_interval = Interval(0.0, 1.0)
 
+
+@dataclass(frozen=True)
+class Searched:
+    """The interval of one searched parameter.
+
+    Args:
+        low: lower end, in the parameter's unit.
+        high: upper end, > low.
+        logarithmic: the search sees equal steps as equal ratios; then low > 0.
+
+    Raises:
+        ValueError: if the interval is empty, or logarithmic with an end that is not positive.
+    """
+
+    low: float
+    high: float
+    logarithmic: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise ValueError(f"Expected an interval with low < high, got [{self.low:g}, {self.high:g}]. Swap the ends.")
+        if self.logarithmic and self.low <= 0:
+            raise ValueError(
+                f"Expected a positive low end for scale: log, got {self.low:g}. Raise it, or use the linear scale."
+            )
+
+
 # Powers of kilogram, metre and second in each unit, and what these three make of the plate's own scales.
 PLATE_SCALE = {
     "kg": ((1, 0, 0), "ρhA"),
@@ -44,20 +71,17 @@ PLATE_SCALE = {
 
 
 @dataclass(frozen=True)
-class Prior:
+class Prior(Searched):
     """Where a search that looks for an effect looks for one of its parameters.
 
     Args:
         low: lower end, in the parameter's unit or, where `relative_to` is given, in multiples of that.
         high: upper end, likewise.
-        logarithmic: the search sees equal ratios as equal steps; then low > 0.
+        logarithmic: as of what is searched.
         relative_to: None; or "plate": what the plate's mass ρhA, length √A and time A √(ρh/D) make of the parameter's
             unit; or the quantity of the plate's section whose present value is meant ("thickness").
     """
 
-    low: float
-    high: float
-    logarithmic: bool = False
     relative_to: str | None = None
 
     def describe(self, unit: str) -> str:
@@ -89,7 +113,7 @@ class Parameter:
     neutral: float | None = None
     prior: Prior | None = None
 
-    def prior_interval(self, section: Section, geometry: Geometry) -> Interval:
+    def prior_interval(self, section: Section, geometry: Geometry) -> Searched:
         """The prior in the parameter's unit, cut to what is allowed.
 
         Args:
@@ -109,7 +133,9 @@ class Parameter:
             at_present = of != "plate"
             scale = float(getattr(section, of).mean()) if at_present else plate_scale(self.unit, section, geometry)
             ends = ends[0] * scale, ends[1] * scale
-        return Interval(max(ends[0], self.allowed.low), min(ends[1], self.allowed.high))
+        return Searched(
+            max(ends[0], self.allowed.low), min(ends[1], self.allowed.high), logarithmic=self.prior.logarithmic
+        )
 
 
 def plate_scale(unit: str, section: Section, geometry: Geometry) -> float:

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, positive, unit_interval
-from torchplate.plate import Mesh, Section
-from torchplate.plate.laminate import laminate
+from torchplate.plate import Mesh, Section, laminate
 
 
 @dataclass(frozen=True)

@@ -286,5 +286,5 @@ def _cost(model: ThicknessField, field: Tensor, frequency: Tensor, measured: Ten
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Recover a thickness field from FRFs.")
-    parser.add_argument("--out", type=Path, default=Path("runs/examples/thickness_field.png"), help="the figure")
+    parser.add_argument("--out", type=Path, default=Path("runs/thickness_field.png"), help="the figure")
     main(out=parser.parse_args().out)

@@ -7,8 +7,7 @@ from torch import Tensor
 
 from torchplate.discrepancy import Objective
 from torchplate.identification.polish import polished
-from torchplate.model import DENSE, basis_error, estimated_error, reduce
-from torchplate.model.plate_model import SINGLE_TOLERANCE
+from torchplate.model import DENSE, SINGLE_TOLERANCE, basis_error, estimated_error, reduce
 from torchplate.search import Outcome
 
 # Relative FRF norm, or relative error of a natural frequency, beyond which a basis is not believed.

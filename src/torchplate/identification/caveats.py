@@ -3,7 +3,7 @@
 from torch import Tensor
 
 from torchplate.discrepancy import Objective, Sensitivity
-from torchplate.measurement.natural_frequencies import assumed
+from torchplate.measurement import assumed
 
 # A standard error above this part of the interval says that the data hardly narrow it.
 WIDE = 0.5

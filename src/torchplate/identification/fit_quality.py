@@ -1,5 +1,7 @@
 """How good a fit is, in words that its gap earns: that a search has settled says nothing of it."""
 
+from torchplate.discrepancy import percent
+
 NOTHING, POOR, PARTIAL = 1.0, 0.5, 0.1
 """Gaps of FRFs: ‖measured − model‖ / ‖measured‖, whose square is the part of the FRFs' energy that is left.
 
@@ -23,7 +25,7 @@ def fit_in_words(gap: float, of_frfs: bool) -> str:
         gap: of FRFs, or the error of natural frequencies [-].
         of_frfs: which.
     """
-    told = f"{100 * gap:.3g} %"
+    told = percent(gap)
     if not of_frfs:
         if not gap < POOR_FREQUENCY:
             return f"The fit is poor: the natural frequencies are off by {told}. {LOOK_FIRST}"

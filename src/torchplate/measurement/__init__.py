@@ -6,13 +6,16 @@ Map:
     imperfections: what a test is not perfect in, and how large that is in a careful one
     read: one way in for every file; the suffix chooses the reader
     archive, parsing: arrays and text of a file, whoever wrote it; what a broken one raises becomes one sentence
-    uff: universal files: dataset 58 (ASCII, binary) with nodes from 15 or 2411 and units from 164, read
+    uff: FRFs and coherence of a universal file as one measurement
+    uff_file: a universal file dataset by dataset: 58 (ASCII, binary), nodes from 15 or 2411, units from 164
     contents: what a universal file holds, dataset by dataset, and what can be done with it
     uff_values: the values of a dataset 58, in each of the format's eight cases
     uff_writer: a measurement written as a universal file
     level: kind and unit of the level from a file's own specifiers and labels
     noise: how noisy each line is, from the measurement alone
     resonances: poles and residues that this finds, between the lines and beside the axis too
+    rational_fit: FRFs as rational functions with common poles, and what they leave
+    noise_regression: the two components of a noise, from what is left
     placement: where each channel sits on the plate
     frame: where the plate lies in the file's coordinates
     nodes: a table of coordinates, for files without any
@@ -20,7 +23,8 @@ Map:
     quality: driving points, reciprocity, coherence, noise between lines, peaks, suspicious channels
     plausibility: whether a model and a measurement can belong together: frequencies, kind and level
     recording: time records of hits, cut and checked
-    record_files: time records from UFF, WAV, MAT, NPZ, CSV and LVM files
+    record_files: time records from files of any kind, with the nodes that belong to them
+    record_tables: tables of channels from WAV, MAT, NPZ, CSV and LVM files
     mat_elements: what a MAT file holds, walked before SciPy reads it
     estimate: FRFs and coherence from cut hits
     from_hits: recordings of a whole test as one measurement
@@ -30,7 +34,8 @@ Map:
     analyser, modal_test: the virtual hammer test, which makes a measurement from a model
 """
 
-from torchplate.measurement.analyser import ANALYSERS, Analyser
+from torchplate.measurement.analyser import ANALYSERS, Analyser, Spectra
+from torchplate.measurement.archive import plain
 from torchplate.measurement.contents import Contents, Part, describe
 from torchplate.measurement.estimate import ESTIMATES, Estimate, Windows, estimate
 from torchplate.measurement.frame import METRES, Frame, in_frame
@@ -41,14 +46,19 @@ from torchplate.measurement.measurement import KINDS, SI_UNIT, Channel, Kind, Me
 from torchplate.measurement.modal_analysis import Analysed, modes
 from torchplate.measurement.modal_model import ModalModel
 from torchplate.measurement.modal_test import Hammer, hammer_test
-from torchplate.measurement.natural_frequencies import NaturalFrequencies
+from torchplate.measurement.natural_frequencies import SCATTER, NaturalFrequencies, assumed, with_std
 from torchplate.measurement.nodes import read_nodes, with_nodes
+from torchplate.measurement.noise import Noise, noise_level
 from torchplate.measurement.placement import Match, Placement, place, place_points
-from torchplate.measurement.quality import Quality, assess, peaks
+from torchplate.measurement.plausibility import disagreements
+from torchplate.measurement.quality import Quality, assess, peaks, summed_amplitude
 from torchplate.measurement.read import MODAL_SUFFIX, UFF_SUFFIX, read_measurement, read_modal_model, write_modal_model
-from torchplate.measurement.record_files import RECORD_SUFFIX, Layout, read_recordings
+from torchplate.measurement.record_files import Layout, read_recordings
+from torchplate.measurement.record_tables import RECORD_SUFFIX
 from torchplate.measurement.recording import Cutting, Hits, Recording, cut
-from torchplate.measurement.uff import read_geometry, read_uff
+from torchplate.measurement.resonances import Resonances
+from torchplate.measurement.uff import read_uff
+from torchplate.measurement.uff_file import read_geometry
 from torchplate.measurement.uff_writer import write_uff
 
 __all__ = [
@@ -60,6 +70,7 @@ __all__ = [
     "MODAL_SUFFIX",
     "PERFECT",
     "RECORD_SUFFIX",
+    "SCATTER",
     "SI_UNIT",
     "UFF_SUFFIX",
     "Analysed",
@@ -79,24 +90,31 @@ __all__ = [
     "MeasurementError",
     "ModalModel",
     "NaturalFrequencies",
+    "Noise",
     "Part",
     "Placement",
     "Proposal",
     "Quality",
     "Recording",
+    "Resonances",
     "Said",
+    "Spectra",
     "Windows",
     "assess",
+    "assumed",
     "cut",
     "describe",
+    "disagreements",
     "estimate",
     "frf_of_hits",
     "hammer_test",
     "in_frame",
     "modes",
+    "noise_level",
     "peaks",
     "place",
     "place_points",
+    "plain",
     "propose",
     "read_geometry",
     "read_measurement",
@@ -104,7 +122,9 @@ __all__ = [
     "read_nodes",
     "read_recordings",
     "read_uff",
+    "summed_amplitude",
     "with_nodes",
+    "with_std",
     "write_modal_model",
     "write_uff",
 ]

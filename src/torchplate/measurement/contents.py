@@ -15,7 +15,7 @@ import numpy as np
 from torchplate.measurement.level import FORCE, MOTION
 from torchplate.measurement.measurement import MeasurementError
 from torchplate.measurement.parsing import reads
-from torchplate.measurement.uff import UffFile, open_uff
+from torchplate.measurement.uff_file import UffFile, open_uff
 
 FUNCTION: Final = {
     0: "general or unknown function",

@@ -12,7 +12,7 @@ import torch
 
 from torchplate.measurement.measurement import Channel, MeasurementError
 from torchplate.measurement.modal_model import ModalModel
-from torchplate.measurement.uff import UffFile, open_uff, read_geometry
+from torchplate.measurement.uff_file import UffFile, open_uff, read_geometry
 from torchplate.measurement.uff_writer import block, nodes_block, units_block
 
 NORMAL, COMPLEX = 2, (3, 7)

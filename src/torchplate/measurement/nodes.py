@@ -8,7 +8,7 @@ from pathlib import Path
 from torchplate.measurement.measurement import Channel, Measurement, MeasurementError
 from torchplate.measurement.parsing import reads
 from torchplate.measurement.read import UFF_SUFFIX
-from torchplate.measurement.uff import read_geometry
+from torchplate.measurement.uff_file import read_geometry
 
 Point = tuple[float, float, float]
 

@@ -20,8 +20,7 @@ from torch import Tensor
 from torchplate.measurement.measurement import SI_UNIT, Kind, Measurement
 from torchplate.measurement.natural_frequencies import NaturalFrequencies
 from torchplate.measurement.quality import peaks, summed_amplitude
-from torchplate.model import DENSE, PlateModel, SparseModel
-from torchplate.model.usual_ranges import plate_mass, sizes
+from torchplate.model import DENSE, PlateModel, SparseModel, plate_mass, sizes
 
 
 @dataclass(frozen=True)

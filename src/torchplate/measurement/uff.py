@@ -1,18 +1,11 @@
-"""Universal files: FRFs and coherence from dataset 58 (ASCII or binary), nodes from 15 or 2411, units from 164.
+"""FRFs and coherence of a universal file (dataset 58, ASCII or binary) as one measurement, with nodes and units."""
 
-Source: Universal File Format, University of Cincinnati SDRL. pyuff finds the datasets and reads their headers.
-"""
-
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyuff
 import torch
-from jaxtyping import Complex, Float
 
-from torchplate.measurement.archive import plain
 from torchplate.measurement.level import Units, factor_to_si, kind_of
 from torchplate.measurement.measurement import (
     KINDS,
@@ -23,40 +16,11 @@ from torchplate.measurement.measurement import (
     MeasurementError,
     checked_kind,
 )
-from torchplate.measurement.parsing import reads
-from torchplate.measurement.uff_values import ValuesError, decode
+from torchplate.measurement.uff_file import End, Point, Record, of_type, opened, record_of
 
 FUNCTION_TYPE: Final = {0: "unknown", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "FRF"}
 FUNCTION_TYPE_READ: Final = {4: "FRF", 5: "transmissibility", 6: "coherence"}
 SHAPES: Final = {55: "data at nodes, such as mode shapes", 2414: "analysis data, such as mode shapes"}
-DIRECTION: Final = {0: "w", 1: "u", 2: "v", 3: "w", 4: "tx", 5: "ty", 6: "tz"}
-
-End = tuple[int, str]
-Point = tuple[float, float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """One dataset 58 as the file gives it: ends with their sign, lines, values, what the level is of."""
-
-    number: int
-    function_type: int
-    response: End
-    reference: End
-    sign: int
-    scalar: bool
-    frequency: Float[np.ndarray, " n"]
-    value: Complex[np.ndarray, " n"]
-    numerator: int
-    denominator: int
-    labels: tuple[str, str]
-    text: str
-
-    @property
-    def label(self) -> str:
-        """Record number and channels: "record 3 (1w/2w)"."""
-        response, reference = self.response, self.reference
-        return f"record {self.number} ({response[0]}{response[1]}/{reference[0]}{reference[1]})"
 
 
 def read_uff(path: Path, kind: str | None = None, normal: int = 3) -> Measurement:
@@ -74,8 +38,8 @@ def read_uff(path: Path, kind: str | None = None, normal: int = 3) -> Measuremen
         MeasurementError: Not a universal file, no FRF in it, lines that differ between records, a pair that
             comes twice, values that do not follow their header, a kind that the file does not settle.
     """
-    file, units, places, notes = _open(path)
-    records = [_record(file, index, path, normal) for index in _of_type(file, 58)]
+    file, units, places, notes = opened(path)
+    records = [record_of(file, index, path, normal) for index in of_type(file, 58)]
     frfs = [r for r in records if r.function_type in (4, 5)]
     if not frfs:
         seen = sorted({r.function_type for r in records})
@@ -117,206 +81,9 @@ def _left_out(file: Any, records: list[Record]) -> list[str]:
             f"({name}), not an FRF: {first}.{action}"
         )
     for number, name in SHAPES.items():
-        if n_set := len(_of_type(file, number)):
+        if n_set := len(of_type(file, number)):
             found.append(f"Left out {n_set} dataset{'s' * (n_set > 1)} {number} ({name}): only FRFs are read.")
     return found
-
-
-class UffFile:
-    """A universal file, open for reading one dataset at a time.
-
-    Attributes:
-        types: The number of each dataset, in the file's order.
-    """
-
-    def __init__(self, file: Any, path: Path) -> None:
-        self._file, self._path = file, path
-        self.types: tuple[int, ...] = tuple(int(t) for t in file.get_set_types())
-
-    def read(self, index: int) -> dict[str, Any]:
-        """A dataset as pyuff reads it.
-
-        Raises:
-            MeasurementError: It does not parse.
-        """
-        return _read(self._file, index, self._path)
-
-    def header(self, index: int) -> dict[str, Any]:
-        """The header of a dataset 58.
-
-        Raises:
-            MeasurementError: It does not parse.
-        """
-        return _read(self._file, index, self._path, header_only=True)
-
-    def record(self, index: int) -> Record:
-        """A dataset 58 with its values.
-
-        Raises:
-            MeasurementError: It does not parse.
-        """
-        return _record(self._file, index, self._path, 3)
-
-
-def open_uff(path: Path) -> UffFile:
-    """Open a universal file, whatever it holds.
-
-    Raises:
-        MeasurementError: It is absent, cut short, or no universal file.
-    """
-    return UffFile(_complete(path), path)
-
-
-@reads("a universal file")
-def read_geometry(path: Path) -> tuple[dict[int, Point], int | None]:
-    """Every node of a universal file [m by its units], and the axis most of its FRFs point along, 1 to 3, if any.
-
-    Raises:
-        MeasurementError: Not a universal file, or a dataset that does not parse.
-    """
-    file, _, places, _ = _open(path)
-    axes = [0, 0, 0, 0]
-    for index in _of_type(file, 58):
-        header = _read(file, index, path, header_only=True)
-        direction = abs(int(header["rsp_dir"]))
-        if int(header["func_type"]) in (4, 5) and direction in (1, 2, 3):
-            axes[direction] += 1
-    return places, axes.index(max(axes)) if any(axes) else None
-
-
-def _complete(path: Path) -> Any:
-    try:
-        content = Path(path).read_bytes()
-    except OSError as error:
-        raise MeasurementError(
-            f"{path}: expected a universal file (.uff, .unv), got none that can be read ({error.strerror}). "
-            "Check the path."
-        ) from error
-    try:
-        file = pyuff.UFF(str(path))
-        n_set = file.get_n_sets()
-    except Exception as error:  # pyuff raises bare Exception for whatever it does not understand
-        raise MeasurementError(
-            f"{path}: expected a universal file, got one whose datasets do not part. Export it as UFF 58."
-        ) from error
-    if n_set == 0:
-        came = "an empty file" if not content.strip() else "a file without one complete dataset"
-        raise MeasurementError(
-            f"{path}: expected a universal file, whose datasets stand between lines that hold only -1, got {came}. "
-            "Export it as UFF 58."
-        )
-    if not content.rstrip().endswith(b"-1"):
-        raise MeasurementError(
-            f"{path}: expected a last line that holds only -1, got a file that ends within a dataset. "
-            "It was cut short: copy or export it again."
-        )
-    return file
-
-
-def _open(path: Path) -> tuple[Any, Units, dict[int, Point], list[str]]:
-    file = _complete(path)
-    notes: list[str] = []
-    units = _units(file, path, notes)
-    places: dict[int, Point] = {}
-    for index in _of_type(file, 15, 2411):
-        dataset = _read(file, index, path)
-        columns = (dataset["node_nums"], dataset["x"], dataset["y"], dataset["z"])
-        for node, x, y, z in zip(*columns, strict=True):
-            places[int(node)] = (float(x) / units.length, float(y) / units.length, float(z) / units.length)
-    return file, units, places, notes
-
-
-def _of_type(file: Any, *types: int) -> list[int]:
-    return [i for i, t in enumerate(file.get_set_types()) if int(t) in types]
-
-
-def _read(file: Any, index: int, path: Path, *, header_only: bool = False) -> dict[str, Any]:
-    try:
-        dataset: dict[str, Any] = file.read_sets(index, header_only=header_only)
-    except Exception as error:  # pyuff raises bare Exception for whatever it does not understand
-        raise MeasurementError(
-            f"{path}: expected dataset {int(file.get_set_types()[index])} at place {index + 1} of the file in the "
-            "format's columns, got one that does not parse. Export it again, or remove that dataset."
-        ) from error
-    return {key: plain(value) if isinstance(value, str) else value for key, value in dataset.items()}
-
-
-def _units(file: Any, path: Path, notes: list[str]) -> Units:
-    units = Units()
-    for index in _of_type(file, 164):
-        dataset = _read(file, index, path)
-        stated = Units(float(dataset["length"]), float(dataset["force"]))
-        if int(dataset["units_code"]) == 1:
-            # Code 1 is metre and newton by definition; factors of feet beside it are copied from the format's
-            # example, as in pyuff's own.
-            if stated != Units():
-                notes.append("Dataset 164 says SI but gives other factors; SI was taken.")
-            continue
-        if min(stated) <= 0:
-            raise MeasurementError(
-                f"{path}: expected positive unit factors in dataset 164, got length {stated.length:g} and force "
-                f"{stated.force:g}. Correct or remove that dataset."
-            )
-        units = stated
-    return units
-
-
-def _record(file: Any, index: int, path: Path, normal: int) -> Record:
-    header = _read(file, index, path, header_only=True)
-    number = index + 1
-    start, end = (int(i) for i in file._block_ind[index])
-    with Path(path).open("rb") as stream:
-        stream.seek(start)
-        block = stream.read(end - start + 1)
-    order = int(header["byte_ordering"]) if header["binary"] else None
-    if header["binary"] and (order not in (1, 2) or header["fp_format"] not in (0, 2)):
-        raise MeasurementError(
-            f"{path}: expected IEEE 754 numbers in byte order 1 or 2 in binary record {number}, got floating-point "
-            f"format {header['fp_format']} in byte order {order}. Export it as ASCII."
-        )
-    even, n_point = header["abscissa_spacing"] == 1, int(header["num_pts"])
-    try:
-        frequency, value = decode(
-            b"".join(block.splitlines(keepends=True)[13:]),
-            ordinate_type=int(header["ord_data_type"]),
-            n_point=n_point,
-            even=even,
-            byte_order=order,
-        )
-    except ValuesError as fault:
-        raise MeasurementError(
-            f"{path}: expected record {number} to hold the {n_point} values its header promises, got {fault}. "
-            "Export it again."
-        ) from fault
-    if frequency is None:
-        frequency = header["abscissa_min"] + header["abscissa_inc"] * np.arange(n_point)
-    directions = (int(header["rsp_dir"]), int(header["ref_dir"]))
-    if any(abs(d) not in DIRECTION for d in directions):
-        raise MeasurementError(
-            f"{path}: expected directions from -6 to 6 in record {number}, got {directions}. Correct the record."
-        )
-    return Record(
-        number=number,
-        function_type=int(header["func_type"]),
-        response=(int(header["rsp_node"]), DIRECTION[_seen(abs(directions[0]), normal)]),
-        reference=(int(header["ref_node"]), DIRECTION[_seen(abs(directions[1]), normal)]),
-        sign=-1 if (directions[0] < 0) != (directions[1] < 0) else 1,
-        scalar=0 in directions,
-        frequency=frequency,
-        value=value,
-        numerator=int(header["ordinate_spec_data_type"]),
-        denominator=int(header["orddenom_spec_data_type"]),
-        labels=(header["ordinate_axis_units_lab"], header["orddenom_axis_units_lab"]),
-        text=header["id1"],
-    )
-
-
-def _seen(direction: int, normal: int) -> int:
-    """A direction of the file as the plate counts it, whose z is the file's axis `normal`."""
-    if direction == 0:
-        return 0
-    turn, axis = divmod(direction - 1, 3)
-    return 3 * turn + (axis - normal) % 3 + 1
 
 
 def _kind_and_factor(

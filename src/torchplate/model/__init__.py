@@ -21,18 +21,30 @@
 - `plate_model`: the torch module that puts them together.
 """
 
+from torchplate.effects import Searched
 from torchplate.model.arguments import Point
+from torchplate.model.attach import attach_
 from torchplate.model.error_estimate import basis_error, estimated_error
-from torchplate.model.extrapolation import Extrapolated, extrapolate
+from torchplate.model.extrapolation import Extrapolated, extrapolate, on_mesh
 from torchplate.model.fine_mesh import DENSE, SparseModel
-from torchplate.model.modes import Modes
+from torchplate.model.frf import DERIVATIVE, as_kind, laplace_lines, modal_denominator, sensor_chain
+from torchplate.model.gradient import modal_impedance
+from torchplate.model.impedance import own_damping
+from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, modal_sum
+from torchplate.model.modes import Modes, natural_frequencies, solve_modes, whiten
 from torchplate.model.modes_at import ModesAt, modes_at
-from torchplate.model.parameter_space import ParameterSpace, Searched
-from torchplate.model.plate_model import PlateModel
-from torchplate.model.reduced_basis import reduce
+from torchplate.model.parameter_space import ParameterSpace
+from torchplate.model.plate_model import SINGLE_TOLERANCE, PlateModel
+from torchplate.model.reduced_basis import reduce, ritz_basis
+from torchplate.model.usual_ranges import impossible, plate_mass, sizes, unusual
 
 __all__ = [
+    "CLOSE",
     "DENSE",
+    "DERIVATIVE",
+    "LINES_AT_ONCE",
+    "SINGLE_TOLERANCE",
+    "Disc",
     "Extrapolated",
     "Modes",
     "ModesAt",
@@ -41,9 +53,27 @@ __all__ = [
     "Point",
     "Searched",
     "SparseModel",
+    "Stretch",
+    "as_kind",
+    "attach_",
     "basis_error",
     "estimated_error",
     "extrapolate",
+    "impossible",
+    "laplace_lines",
+    "modal_denominator",
+    "modal_impedance",
+    "modal_sum",
     "modes_at",
+    "natural_frequencies",
+    "on_mesh",
+    "own_damping",
+    "plate_mass",
     "reduce",
+    "ritz_basis",
+    "sensor_chain",
+    "sizes",
+    "solve_modes",
+    "unusual",
+    "whiten",
 ]

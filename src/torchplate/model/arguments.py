@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchplate.effects import Parameter
 from torchplate.model.parameter_space import ParameterSpace
-from torchplate.plate.transforms import transformed
+from torchplate.plate import transformed
 
 Numbers = Tensor | np.ndarray | Sequence[Any] | int | float
 Point = int | Sequence[float]

@@ -23,7 +23,7 @@ from torch.autograd import Function
 from torchplate.model.attach import attach, attach_, weights_
 from torchplate.model.frf import joined
 from torchplate.model.modal_sum import Stretch, as_complex, as_real, modal_sum, pairs_of
-from torchplate.plate.transforms import transformed
+from torchplate.plate import transformed
 
 # Numbers in an array that is kept from call to call.
 KEPT = 2**20

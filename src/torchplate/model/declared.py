@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from torchplate.effects import Effect, Parameter
-from torchplate.model.parameter_space import ParameterSpace, Searched
+from torchplate.effects import Effect, Parameter, Searched
+from torchplate.model.parameter_space import ParameterSpace
 
 
 class Declared(NamedTuple):

@@ -17,8 +17,7 @@ from torch import Tensor
 
 from torchplate.model.modes import Modes
 from torchplate.model.plate_model import PlateModel
-from torchplate.plate import AddedMass
-from torchplate.plate.section import STIFFEST
+from torchplate.plate import STIFFEST, AddedMass
 
 # Beyond so many dofs the full model is never solved densely: modes by sparse shift-invert, checks by sparse solves.
 DENSE = 1000

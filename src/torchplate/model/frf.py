@@ -18,8 +18,7 @@ from torch import Tensor
 from torchplate.effects import SensorChain
 from torchplate.model.attach import attach, lines_last
 from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum
-from torchplate.plate import Proportional, System
-from torchplate.plate.transforms import is_vmapped
+from torchplate.plate import Proportional, System, is_vmapped
 
 KINDS = ("receptance", "mobility", "accelerance", "transmissibility")
 DERIVATIVE = {"receptance": 0, "mobility": 1, "accelerance": 2}

@@ -11,8 +11,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.model.frf import modal_denominator, modal_receptance, solve_each, stack_rows
-from torchplate.plate import Proportional
-from torchplate.plate.power_law import LOWEST, REFERENCE
+from torchplate.plate import LOWEST_FREQUENCY, REFERENCE_FREQUENCY, Proportional
 
 
 class Impedance(NamedTuple):
@@ -69,9 +68,8 @@ def own_damping(z: Impedance, force: Force) -> Float[Tensor, "*batch n"]:
     beta, eta, a, b = (part[..., None] for part in z[4:8])
     if z.loss_exponent is not None:
         # Rigid-body motion has no frequency, and no loss.
-        beta = (
-            beta * (omega.clamp(min=2 * torch.pi * LOWEST) / (2 * torch.pi * REFERENCE)) ** z.loss_exponent[..., None]
-        )
+        lowest, reference = 2 * torch.pi * LOWEST_FREQUENCY, 2 * torch.pi * REFERENCE_FREQUENCY
+        beta = beta * (omega.clamp(min=lowest) / reference) ** z.loss_exponent[..., None]
     own = beta * square + eta + a * omega + b * omega * square
     own = own + (force(1j * omega).imag * z.dashpot**2).sum(-2)
     return own if z.hysteretic is None else own + z.hysteretic.diagonal(dim1=-2, dim2=-1)

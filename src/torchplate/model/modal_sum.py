@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.plate.transforms import is_vmapped
+from torchplate.plate import is_vmapped
 
 # A mode is far from a block of lines if its ρ is at least RHO: n terms of the series then leave RHO^−n of what it adds
 # to the FRF. The series is for z near the real axis: damping widens the block by WIDENED times its Im z.

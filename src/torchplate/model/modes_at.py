@@ -17,7 +17,7 @@ from torch import Tensor
 from torchplate.model.gradient import frozen_modes
 from torchplate.model.modes import natural_frequencies
 from torchplate.model.plate_model import PlateModel
-from torchplate.plate.transforms import transformed
+from torchplate.plate import transformed
 
 # Relative distance of eigenvalues below which modes count as a pair: 0.0005 % of frequency.
 BLUNT = 1e-5

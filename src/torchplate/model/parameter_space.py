@@ -1,37 +1,12 @@
 """What is searched: names, units and intervals, and the way between the unit cube and SI units."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-
-@dataclass(frozen=True)
-class Searched:
-    """The interval of one searched parameter.
-
-    Args:
-        low: lower end, in the parameter's unit.
-        high: upper end, > low.
-        logarithmic: the search sees equal steps as equal ratios; then low > 0.
-
-    Raises:
-        ValueError: if the interval is empty, or logarithmic with an end that is not positive.
-    """
-
-    low: float
-    high: float
-    logarithmic: bool = False
-
-    def __post_init__(self) -> None:
-        if not self.low < self.high:
-            raise ValueError(f"Expected an interval with low < high, got [{self.low:g}, {self.high:g}]. Swap the ends.")
-        if self.logarithmic and self.low <= 0:
-            raise ValueError(
-                f"Expected a positive low end for scale: log, got {self.low:g}. Raise it, or use the linear scale."
-            )
+from torchplate.effects import Searched
 
 
 class ParameterSpace(nn.Module):

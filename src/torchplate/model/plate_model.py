@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
-from torchplate.effects import Effect, Plate, SensorChain
+from torchplate.effects import Effect, Plate, Searched, SensorChain
 from torchplate.model.arguments import (
     Numbers,
     Point,
@@ -35,12 +35,9 @@ from torchplate.model.modal_solution import modal_solution
 from torchplate.model.modal_sum import MEMBERS_AT_ONCE
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
 from torchplate.model.off_marks import OffMarks, carried_masses
-from torchplate.model.parameter_space import Searched
 from torchplate.model.rearranged import rearranged
 from torchplate.model.shared_modes import SharedModes
-from torchplate.plate import Assembly, Geometry, Local, Mesh, Plan, System
-from torchplate.plate.section import concatenate
-from torchplate.plate.transforms import transformed
+from torchplate.plate import Assembly, Geometry, Local, Mesh, Plan, System, concatenate, transformed
 
 # Greatest error of an FRF in relative norm for which a search is done in single precision; least squares finish it.
 SINGLE_TOLERANCE = 1e-4

@@ -28,9 +28,7 @@ from torchplate.model.attached_sum import Rows, attached_sum
 from torchplate.model.frf import stack_rows
 from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, reciprocal
 from torchplate.model.modes import solve_modes
-from torchplate.plate import Assembly, Plan, Proportional, Sprung
-from torchplate.plate.section import concatenate
-from torchplate.plate.transforms import REMEMBERED, is_vmapped, transformed
+from torchplate.plate import REMEMBERED, Assembly, Plan, Proportional, Sprung, concatenate, is_vmapped, transformed
 
 # Attaching terms one after the other costs the square of their number; with more, one `eigh` each is cheaper.
 MOST_TERMS = 12

@@ -4,6 +4,7 @@
 - `element`: the 12-dof rectangle of the seed paper (Eq. 6–16).
 - `section`: what each element is made of (Section), how long the plate is (Geometry), what is added at a place
   (Local), damping in proportion to the whole model (Proportional), and all of these for one batch (Plan).
+- `correction`: what an assembly has beside its mesh (Correction, Unevenness).
 - `added_mass`: of a fluid around the plate, which couples the motion of all its parts (AddedMass).
 - `laminate`: elements that the edges of a patch cut.
 - `assemble`: Section and Local to mass, stiffness and damping, in every dof or in a reduced basis.
@@ -13,10 +14,14 @@
 """
 
 from torchplate.plate.added_mass import AddedMass, dragged
-from torchplate.plate.assemble import Assembly, Correction, Unevenness
+from torchplate.plate.assemble import Assembly
+from torchplate.plate.correction import Correction, Unevenness
+from torchplate.plate.laminate import laminate
 from torchplate.plate.material import MATERIALS, Material, find_material
-from torchplate.plate.mesh import Mesh
-from torchplate.plate.section import Geometry, Local, Plan, Proportional, Section, Sprung, System
+from torchplate.plate.mesh import EDGES, Mesh
+from torchplate.plate.power_law import LOWEST_FREQUENCY, REFERENCE_FREQUENCY
+from torchplate.plate.section import STIFFEST, Geometry, Local, Plan, Proportional, Section, Sprung, System, concatenate
+from torchplate.plate.transforms import REMEMBERED, is_vmapped, transformed
 from torchplate.plate.wavelength import (
     ELEMENTS_PER_WAVELENGTH,
     THIN,
@@ -27,8 +32,13 @@ from torchplate.plate.wavelength import (
 )
 
 __all__ = [
+    "EDGES",
     "ELEMENTS_PER_WAVELENGTH",
+    "LOWEST_FREQUENCY",
     "MATERIALS",
+    "REFERENCE_FREQUENCY",
+    "REMEMBERED",
+    "STIFFEST",
     "THIN",
     "AddedMass",
     "Assembly",
@@ -44,9 +54,13 @@ __all__ = [
     "System",
     "Unevenness",
     "bending_wavelength",
+    "concatenate",
     "dragged",
     "elements_for",
     "find_material",
     "frequency_of_wavelength",
+    "is_vmapped",
+    "laminate",
     "thickness_of",
+    "transformed",
 ]

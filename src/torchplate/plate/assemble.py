@@ -7,7 +7,6 @@ geometry is just one more coefficient, and where the section is the same everywh
 
 import copy
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -16,63 +15,13 @@ from torch import Tensor, nn
 
 from torchplate.plate import element
 from torchplate.plate.added_mass import AddedMass
+from torchplate.plate.correction import Correction, Unevenness
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Geometry, Local, Proportional, Section, Sprung, System, concatenate
 from torchplate.plate.transforms import REMEMBERED, is_vmapped, stays, transformed
 
 # Fixed matrices, of a uniform plate and of projected elements, are kept up to these sizes; beyond they are made anew.
 UNIFORM_BYTES, ELEMENT_BYTES = 256 * 2**20, 512 * 2**20
-
-
-class Correction(NamedTuple):
-    """Rᵀ C R, which the stiffness of one plate lacks, and S R u, which its deflection u lacks.
-
-    Other plates lack the stiffness in proportion to their rigidity.
-
-    Attributes:
-        rows: R, over the free dofs.
-        stiffness: C.
-        shape: S.
-        rigidity: √(D₁₁ D₂₂) / (Lx Ly) of the plate it belongs to, mean over the elements [N/m].
-    """
-
-    rows: Float[Tensor, "n_row n_free"]
-    stiffness: Float[Tensor, "n_row n_row"]
-    shape: Float[Tensor, "n_free n_row"]
-    rigidity: Float[Tensor, ""]
-
-    def scale(self, rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry) -> Float[Tensor, "*batch"]:
-        """The correction of other plates over that of this one."""
-        return self.measure(rigidity, geometry) / self.rigidity.to(rigidity)
-
-    @staticmethod
-    def measure(rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry) -> Float[Tensor, "*batch"]:
-        """√(D₁₁ D₂₂) / (Lx Ly), mean over the elements [N/m]."""
-        mean = (rigidity[..., 0, 0] * rigidity[..., 1, 1]).sqrt().mean(-1)
-        return mean / (geometry.length_x * geometry.length_y)
-
-
-class Unevenness(NamedTuple):
-    """What a plate that is not the same everywhere has beside a uniform one, in the coordinates of an assembly.
-
-    Other plates have it in proportion to their rigidity and to their mass.
-
-    Attributes:
-        stiffness: more of it.
-        mass: likewise.
-        rigidity: √(D₁₁ D₂₂) / (Lx Ly) of the plate it belongs to, mean over the elements [N/m].
-        heavy: mass of that plate [kg].
-    """
-
-    stiffness: Float[Tensor, "n n"]
-    mass: Float[Tensor, "n n"]
-    rigidity: Float[Tensor, ""]
-    heavy: Float[Tensor, ""]
-
-    @staticmethod
-    def measure(areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry) -> Float[Tensor, "*batch"]:
-        """Mass of a plate [kg]."""
-        return areal_mass.mean(-1) * geometry.length_x * geometry.length_y
 
 
 class Assembly(nn.Module):

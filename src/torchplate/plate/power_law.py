@@ -15,8 +15,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-# Where the loss factor is β [Hz]; below LOWEST the law is held as it is there.
-REFERENCE, LOWEST = 100.0, 0.1
+# Where the loss factor is β [Hz]; below the lowest the law is held as it is there.
+REFERENCE_FREQUENCY, LOWEST_FREQUENCY = 100.0, 0.1
 # An exponent this small changes a loss by 2 % over a decade: nobody can tell it from zero.
 FADES = 0.01
 
@@ -31,7 +31,7 @@ def power_law(
         laplace: s [1/s].
     """
     n = torch.as_tensor(exponent).to(laplace.real)[..., None]
-    reference, lowest = 2 * math.pi * REFERENCE, 2 * math.pi * LOWEST
+    reference, lowest = 2 * math.pi * REFERENCE_FREQUENCY, 2 * math.pi * LOWEST_FREQUENCY
     s = torch.where(laplace.abs() < lowest, torch.full_like(laplace, 1j * lowest), laplace)
     grown = torch.exp(n * torch.log(s / (1j * reference)))
     # n cot(nπ/2), which is smooth at zero.

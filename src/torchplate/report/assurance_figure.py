@@ -8,11 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 from torch import Tensor
 
-from torchplate.diagnosis.assurance import csac_by_line, csf_by_line, fdac, fdac_frequency
-from torchplate.diagnosis.result import Overlay
+from torchplate.diagnosis import Overlay, csac_by_line, csf_by_line, fdac, fdac_frequency
 from torchplate.measurement import Measurement
 from torchplate.report.document import Panel
-from torchplate.report.style import FOUND, INDEX, INK, MUTED, NARROW, Curve, curves, dress, shade
+from torchplate.report.style import FOUND, INDEX, INK, NARROW, Curve, bare, colour_bar, curves, dress
 
 # Steps of a twentieth: a PNG of few colours has some left for the lines.
 SHADES = INDEX.resampled(20)
@@ -124,11 +123,6 @@ def _fdac(figure: FigureBase, measured: Measurement, models: list[Curve]) -> Non
         axis.set_box_aspect(1)
         axis.set_title(f"FDAC, {model.label}", loc="left", fontsize=9.5, color=INK, fontweight="bold")
         axis.set_xlabel("frequency, measured [Hz]", color=INK)
-        axis.tick_params(colors=MUTED, labelsize=8.5)
-        axis.spines[:].set_visible(False)
+        bare(axis, length=3.5)
     axes[0].set_ylabel("frequency, model [Hz]", color=INK)
-    bar = figure.colorbar(image, ax=list(axes), location="bottom", shrink=0.5, aspect=40, pad=0.02)
-    bar.set_label("FDAC [-]", color=INK, fontsize=8.5)
-    bar.outline.set_visible(False)
-    shade(bar)
-    bar.ax.tick_params(colors=MUTED, labelsize=8.5)
+    colour_bar(figure, image, list(axes), "FDAC [-]", location="bottom", shrink=0.5, aspect=40, pad=0.02)

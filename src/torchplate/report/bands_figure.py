@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from torch import Tensor
 
-from torchplate.diagnosis.result import Diagnosis, Overlay
-from torchplate.discrepancy.notation import percent
+from torchplate.diagnosis import Diagnosis, Overlay
+from torchplate.discrepancy import percent
 from torchplate.report.style import BAND, INK, MEASURED, NARROW, curves, decibel, decibel_unit, dress
 
 

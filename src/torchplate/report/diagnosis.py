@@ -1,10 +1,11 @@
 """The report of a diagnosis: first what to know and to do, then why, then every number."""
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from torchplate.diagnosis.result import Diagnosis, Overlay
+from torchplate.diagnosis import Diagnosis, Overlay
+from torchplate.discrepancy import ModalEvidence
 from torchplate.report.assurance_figure import caption
 from torchplate.report.channel_names import explained
 from torchplate.report.diagnosis_figures import figures, panels
@@ -15,13 +16,16 @@ from torchplate.report.markdown import markdown
 from torchplate.report.mode_shapes import composite, mode_shapes, modes_caption, modes_of
 from torchplate.report.page import page
 from torchplate.report.plate_map import place_found
+from torchplate.report.shape_agreement import agreement, shapes_of
 from torchplate.report.verdict import verdict_sentence
 
 FIGURES = "figures/"
 """The folder that the figures of report.md lie in."""
 
 
-def diagnosis_report(name: str, diagnosis: Diagnosis, folder: Path, command: str = "") -> dict[str, bytes]:
+def diagnosis_report(
+    name: str, diagnosis: Diagnosis, folder: Path, command: str = "", modal: ModalEvidence | None = None
+) -> dict[str, bytes]:
     """`report.md` with its figures under `figures/`, and `report.html`, which needs no other file.
 
     Args:
@@ -29,6 +33,7 @@ def diagnosis_report(name: str, diagnosis: Diagnosis, folder: Path, command: str
         diagnosis: what was found.
         folder: where `model.yaml` of this diagnosis lies.
         command: what made the report, for its last line.
+        modal: measured mode shapes, where it was these that were diagnosed.
 
     Returns:
         The content of each file by its path in the folder.
@@ -40,7 +45,10 @@ def diagnosis_report(name: str, diagnosis: Diagnosis, folder: Path, command: str
     if modes:
         sides = model.mesh.length_x, model.mesh.length_y
         drawn["modes"], shown["modes"] = composite(modes, sides), mode_shapes(modes, sides)
-    blocks = list(_blocks(diagnosis, folder, shown, modes_caption(modes)))
+    alike = {} if modal is None else agreement(shapes_of(modal, model, model.known[:0]))
+    drawn |= {key: figure for key, (_, figure) in alike.items()}
+    pictures = [picture for picture, _ in alike.values()]
+    blocks = list(_blocks(diagnosis, folder, shown, modes_caption(modes), pictures))
     if overlay is not None:
         blocks = list(explained(blocks, overlay.measured))
     told = Document(
@@ -51,7 +59,11 @@ def diagnosis_report(name: str, diagnosis: Diagnosis, folder: Path, command: str
 
 
 def _blocks(
-    diagnosis: Diagnosis, folder: Path, shown: Mapping[str, tuple[Panel, ...]], of_modes: str
+    diagnosis: Diagnosis,
+    folder: Path,
+    shown: Mapping[str, tuple[Panel, ...]],
+    of_modes: str,
+    alike: Sequence[Picture] = (),
 ) -> Iterator[Block]:
     """The report from the verdict on: first what to know and to do, then why, then every number."""
     yield gap_table(diagnosis)
@@ -88,6 +100,9 @@ def _blocks(
     if "modes" in shown:
         yield Heading("Mode shapes")
         yield Picture("modes", of_modes, shown["modes"])
+    if alike:
+        yield Heading("Measured and modelled mode shapes")
+        yield from alike
     yield from considered(diagnosis)
     if diagnosis.parameters:
         yield Heading("Fitted parameters")

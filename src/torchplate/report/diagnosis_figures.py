@@ -5,7 +5,7 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
-from torchplate.diagnosis.result import Diagnosis
+from torchplate.diagnosis import Diagnosis
 from torchplate.report.assurance_figure import assurance, assurance_panels
 from torchplate.report.bands_figure import bands_figure, bands_told
 from torchplate.report.document import Panel

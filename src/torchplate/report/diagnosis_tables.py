@@ -3,9 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from torchplate.diagnosis.assurance import frac_by_channel
-from torchplate.diagnosis.result import Diagnosis, Location, Named, Overlay, Scored
-from torchplate.discrepancy.notation import percent
+from torchplate.diagnosis import Diagnosis, Location, Named, Overlay, Scored, frac_by_channel
+from torchplate.discrepancy import percent
 from torchplate.effects import CATALOGUE
 from torchplate.report.document import Block, Heading, Paragraph, Table
 from torchplate.report.numbers import confidence, digits, interval, quantity, with_unit

@@ -1,4 +1,4 @@
-"""A figure as a picture: PNG for a file of its own, SVG that takes the colours of the page it stands in."""
+"""A figure as a picture: PNG or PDF for a file of its own, SVG that takes the colours of the page it stands in."""
 
 import html
 import io
@@ -18,6 +18,7 @@ _SVG: dict[Any, Any] = {
     "path.simplify_threshold": 0.2,  # [px] of 72 to the inch
     "font.family": "DejaVu Sans",
 }
+_PDF: dict[Any, Any] = {"pdf.fonttype": 42, "font.family": "DejaVu Sans"}
 _NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 VARIABLES = {colour.lower(): f"--c{turn}" for turn, colour in enumerate(ON_DARK)}
 """A name in the page's style for each colour of a figure."""
@@ -30,6 +31,14 @@ def png(figure: Figure, dpi: int = DPI, n_colour: int = 128) -> bytes:
     with Image.open(whole) as image:
         image.convert("RGB").quantize(n_colour).save(small, format="png", optimize=True)
     return small.getvalue()
+
+
+def pdf(figure: Figure) -> bytes:
+    """A figure for paper: its text is text, and the same figure is the same file."""
+    drawn = io.BytesIO()
+    with mpl.rc_context(_PDF):
+        figure.savefig(drawn, format="pdf", metadata={"CreationDate": None})
+    return drawn.getvalue()
 
 
 def svg(figure: Figure, name: str, told: str) -> str:

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from torchplate.diagnosis.result import ChannelGap, Diagnosis, Overlay
-from torchplate.discrepancy.notation import percent
+from torchplate.diagnosis import ChannelGap, Diagnosis, Overlay
+from torchplate.discrepancy import percent
 from torchplate.report.style import (
     AFTER,
     INK,

@@ -11,8 +11,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from torchplate.diagnosis.result import Diagnosis, Step
-from torchplate.discrepancy.notation import percent
+from torchplate.diagnosis import Diagnosis, Step
+from torchplate.discrepancy import percent
 from torchplate.report.style import AFTER, BEFORE, INK, MEASURED, MUTED, NARROW, PAPER, dress, plain
 
 FAINT = 0.4

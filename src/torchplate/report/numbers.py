@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from torchplate.diagnosis.result import Estimate
+from torchplate.diagnosis import Estimate
 
 
 def figure_digits(value: float, std: float | None) -> str:

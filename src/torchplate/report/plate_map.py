@@ -13,11 +13,11 @@ from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
-from torchplate.diagnosis.result import Diagnosis, Estimate, Named
-from torchplate.discrepancy.notation import percent
+from torchplate.diagnosis import Diagnosis, Estimate, Named
+from torchplate.discrepancy import percent
 from torchplate.effects import SupportSpring
 from torchplate.report.numbers import figure_digits
-from torchplate.report.style import FOUND, INDEX, INK, MUTED, NARROW, PAPER, SHADED, shade
+from torchplate.report.style import FOUND, INDEX, INK, MUTED, NARROW, PAPER, SHADED, bare, colour_bar
 
 MANY_CHANNELS = 40
 """More than these on the map stay without their labels."""
@@ -70,14 +70,9 @@ def plate_map(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
         where: dict[str, Any] = (
             {"location": "top", "aspect": 50} if long or narrow else {"location": "right", "aspect": 28}
         )
-        bar = figure.colorbar(image, ax=axis, shrink=0.7, pad=0.02, ticks=MaxNLocator(5), **where)
         part = "part of the misfit before that a force"
-        bar.set_label(
-            f"{part}{' ' if long and not narrow else chr(10)}at this place would explain [%]", color=INK, fontsize=8.5
-        )
-        bar.outline.set_visible(False)
-        shade(bar)
-        bar.ax.tick_params(colors=MUTED, labelsize=8.5)
+        label = f"{part}{' ' if long and not narrow else chr(10)}at this place would explain [%]"
+        colour_bar(figure, image, axis, label, shrink=0.7, pad=0.02, ticks=MaxNLocator(5), **where)
     handles = _plate(axis, diagnosis, sides)
     handles += _channels(axis, diagnosis, sides)
     handles += _found(axis, diagnosis, sides, narrow)
@@ -89,8 +84,7 @@ def plate_map(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
         along.set_ticks([tick for tick in ticks if -1e-9 <= tick <= side * (1 + 1e-9)])
     axis.set_xlabel("x [mm]", color=INK)
     axis.set_ylabel("y [mm]", color=INK)
-    axis.tick_params(colors=MUTED, labelsize=8.5, length=0)
-    axis.spines[:].set_visible(False)
+    bare(axis)
     if narrow:
         n_line = sum(1 + str(handle.get_label()).count("\n") for handle in handles)
         figure.set_size_inches(

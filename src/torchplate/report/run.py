@@ -7,8 +7,7 @@ import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from torchplate.discrepancy import Objective
-from torchplate.discrepancy.notation import percent
+from torchplate.discrepancy import Objective, percent
 from torchplate.identification import CORRELATED, Result
 from torchplate.measurement import Placement
 from torchplate.model import PlateModel
@@ -30,6 +29,7 @@ from torchplate.report.run_figures import (
     overlay,
     shown,
 )
+from torchplate.report.shape_agreement import agreement, shapes_of
 
 # Of the files beside report.md: they are looked at on a screen.
 DPI, N_COLOUR = 90, 64
@@ -115,6 +115,9 @@ def _pictures(
         narrow = partial(natural_frequencies, objective, table, result.theta, narrow=True)
         panels = _either(drawn["natural_frequencies"], narrow, told)
         pictures["natural_frequencies"] = Picture("natural_frequencies", "Natural frequencies, mode by mode.", panels)
+    if (modal := objective.evidence.modal_model) is not None:
+        for name, (picture, figure) in agreement(shapes_of(modal, objective.model, result.theta)).items():
+            pictures[name], drawn[name] = picture, figure
     if history is not None and result.objective_kind is not None:
         told = convergence_told(history, result.objective_kind)
         drawn["convergence"] = convergence(history, result.objective_kind)
@@ -158,6 +161,10 @@ def _blocks(
     if "natural_frequencies" in pictures:
         yield pictures["natural_frequencies"]
     yield Paragraph(_listed(result))
+    if "mac" in pictures:
+        yield Heading("Measured and modelled mode shapes")
+        yield pictures["mac"]
+        yield pictures["comac"]
     if "convergence" in pictures:
         yield Heading("Convergence")
         yield pictures["convergence"]

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, MaxNLocator
 from torch import Tensor
 
-from torchplate.discrepancy import Objective
-from torchplate.discrepancy.notation import percent
+from torchplate.discrepancy import Objective, percent
 from torchplate.identification import nominal
 from torchplate.measurement import Measurement, NaturalFrequencies
 from torchplate.report.document import Panel

@@ -1,15 +1,18 @@
 """Colours, curves and axes that all figures share, on light and on dark ground."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Complex
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import FigureBase
 from torch import Tensor
 
-from torchplate.diagnosis.result import Overlay
+from torchplate.diagnosis import Overlay
 
 # Okabe and Ito's colours: told apart by every reader, and in print.
 MEASURED, BEFORE, AFTER, FOUND, BAND = "black", "#E69F00", "#0072B2", "#D55E00", "#56B4E9"
@@ -77,6 +80,29 @@ def dress(axis: Axes) -> None:
     axis.tick_params(which="both", colors=MUTED, labelsize=8.5)
     axis.spines[["top", "right"]].set_visible(False)
     axis.spines[["left", "bottom"]].set_color(MUTED)
+
+
+def bare(axis: Axes, length: float = 0.0) -> None:
+    """No frame: for a picture of the plate, or a square of shades.
+
+    Args:
+        axis: it.
+        length: of its ticks [pt].
+    """
+    axis.tick_params(colors=MUTED, labelsize=8.5, length=length)
+    axis.spines[:].set_visible(False)
+
+
+def colour_bar(
+    figure: FigureBase, drawn: ScalarMappable, axes: Axes | Sequence[Axes], label: str = "", **where: Any
+) -> Colorbar:
+    """The scale of a figure's shades, without a frame; it goes dark with the page."""
+    bar = figure.colorbar(drawn, ax=axes, **where)
+    bar.set_label(label, color=INK, fontsize=8.5)
+    bar.outline.set_visible(False)
+    shade(bar)
+    bar.ax.tick_params(colors=MUTED, labelsize=8.5)
+    return bar
 
 
 def shade(bar: Colorbar) -> None:

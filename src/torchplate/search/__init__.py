@@ -17,14 +17,14 @@ line below; the registry, the generic tests and whatever lists the optimisers fo
 from torchplate.search.artificial_bee_colony import ArtificialBeeColony
 from torchplate.search.bounds import BOUNDS
 from torchplate.search.differential_evolution import STRATEGIES, DifferentialEvolution
-from torchplate.search.jacobian import JACOBIANS
+from torchplate.search.jacobian import JACOBIANS, Residual
 from torchplate.search.jde import Jde
 from torchplate.search.l_shade import LShade
 from torchplate.search.least_squares import least_squares
 from torchplate.search.least_squares_outcome import LeastSquaresOutcome, LeastSquaresProgress, LeastSquaresStatus
 from torchplate.search.many_starts import LeastSquares, least_squares_from_many_starts
 from torchplate.search.minimization import Objective, minimize
-from torchplate.search.optimizer import OPTIMIZERS, Candidates, Optimizer, State, optimizer_named
+from torchplate.search.optimizer import OPTIMIZERS, Candidates, Optimizer, State, optimizer_named, unknown_name
 from torchplate.search.outcome import Checkpoint, Outcome, Progress, Status
 from torchplate.search.recall import Descent, Recall, recalled, recalling
 from torchplate.search.sade import Sade
@@ -53,6 +53,7 @@ __all__ = [
     "RankLost",
     "RanksDiffer",
     "Recall",
+    "Residual",
     "Sade",
     "ShardedObjective",
     "ShardingError",
@@ -64,4 +65,5 @@ __all__ = [
     "optimizer_named",
     "recalled",
     "recalling",
+    "unknown_name",
 ]

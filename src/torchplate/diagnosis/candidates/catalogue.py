@@ -16,8 +16,7 @@ from torchplate.diagnosis.candidates.trials import trials, yielding
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.effects import CATALOGUE, Effect, Parameter, options
 from torchplate.model import PlateModel, Searched
-from torchplate.plate import Plan
-from torchplate.plate.mesh import EDGES
+from torchplate.plate import EDGES, Plan
 
 # Within rounding a place given is a node's, relative to the plate.
 ON_NODE = 1e-4
@@ -62,10 +61,9 @@ def candidates(
             neutral: dict[str, float] = {}
             for key, parameter in free.items():
                 interval = parameter.prior_interval(plan.section, plan.geometry)
-                assert parameter.prior is not None
                 # Over the first support, which may be the slack one.
                 high = SETTINGS.trials.slack * interval.high if relative else interval.high
-                searched[key] = Searched(interval.low, high, parameter.prior.logarithmic)
+                searched[key] = Searched(interval.low, high, interval.logarithmic)
                 value = _neutral(name, parameter, plan)
                 if value is not None:
                     neutral[key] = value

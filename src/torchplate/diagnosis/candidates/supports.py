@@ -51,7 +51,7 @@ def supports_at(
     wanted, start, middle = {}, {}, {}
     for name, value in zip(STRENGTHS, (stiffness, viscous), strict=True):
         interval = kind.parameters[name].prior_interval(plan.section, plan.geometry)
-        wanted[name] = Searched(interval.low, interval.high, True)
+        wanted[name] = interval
         start[name] = min(max(value, 1.01 * interval.low), 0.99 * interval.high)
         # What was not there may be anything: next to nothing, and the middle.
         middle[name] = start[name] if value > interval.low else math.sqrt(interval.low * interval.high)

@@ -23,8 +23,7 @@ from torch import Tensor
 from torchplate.diagnosis.localisation.misfit import Misfit
 from torchplate.effects import SensorChain
 from torchplate.measurement import Measurement
-from torchplate.model import PlateModel
-from torchplate.model.frf import DERIVATIVE, laplace_lines, sensor_chain
+from torchplate.model import DERIVATIVE, PlateModel, laplace_lines, sensor_chain
 
 # Turns of the fit of z, which comes to rest by itself: numerics.
 N_TURN = 12

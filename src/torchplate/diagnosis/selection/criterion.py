@@ -30,7 +30,7 @@ import torch
 from torchplate.diagnosis.candidates.candidate import Candidate, nameable
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.discrepancy.specimen import Found
+from torchplate.discrepancy import Found
 
 # Precision of a uniform prior on the unit cube, one over its variance: nobody chose it.
 UNIFORM = 12.0

@@ -21,7 +21,7 @@ from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
 from torchplate.diagnosis.selection.shortlist import acts_like, best_of_each, contained, kept, promising
 from torchplate.diagnosis.selection.trace import Ranked, State
-from torchplate.discrepancy.specimen import Found
+from torchplate.discrepancy import Found
 from torchplate.model import PlateModel
 
 

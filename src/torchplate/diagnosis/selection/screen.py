@@ -22,9 +22,9 @@ from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.selection.null import falls
 from torchplate.diagnosis.settings import SETTINGS
-from torchplate.discrepancy.marginal import Marginal
+from torchplate.discrepancy import Marginal
 from torchplate.model import PlateModel
-from torchplate.search.jacobian import JACOBIANS
+from torchplate.search import JACOBIANS
 
 
 class Scored(NamedTuple):

@@ -7,7 +7,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
 from torchplate.diagnosis.selection.screen import Scored
-from torchplate.measurement.noise import Noise
+from torchplate.measurement import Noise
 from torchplate.model import PlateModel
 
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 from torchplate.diagnosis.settings.evidence import Comparison, HoldingOut, Lines, Localising
 from torchplate.diagnosis.settings.fitting import Fitting, Meshes, Searching, WideLevels
 from torchplate.diagnosis.settings.selection import Screening, Selecting, Trials
-from torchplate.discrepancy.judged import Knowledge
-from torchplate.discrepancy.wandering import Wandering
+from torchplate.discrepancy import Knowledge, Wandering
 
 
 @dataclass(frozen=True)

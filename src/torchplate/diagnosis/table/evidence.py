@@ -15,8 +15,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from torchplate.diagnosis.table.settings import TableSettings
-from torchplate.measurement import NaturalFrequencies
-from torchplate.measurement.natural_frequencies import assumed, with_std
+from torchplate.measurement import NaturalFrequencies, assumed, with_std
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from torchplate.diagnosis.result import Estimate, Named, Step
 from torchplate.diagnosis.table.found import Found, compared_on, key_of, pressed_out, same_on
+from torchplate.discrepancy import percent
 
 
 def finer_mesh(found: Found) -> tuple[Named, ...]:
@@ -75,8 +76,3 @@ def as_named(found: Found, index: int, numbers: dict[str, Estimate], steps: Sequ
 def _odds(own: float, other: float) -> str:
     ratio = own / max(other, 1e-300)
     return f"{ratio:.3g} times" if ratio < 1e4 else "more than 10,000 times"
-
-
-def percent(part: float) -> str:
-    """A part, in print."""
-    return f"{100 * part:.3g} %"

@@ -7,8 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.model import PlateModel
-from torchplate.model.modes import natural_frequencies, whiten
+from torchplate.model import PlateModel, natural_frequencies, whiten
 
 # Step of the differences of K and M on the unit cube [-]: their rounding is then 1e-10, their curvature 1e-6.
 STEP = 1e-6

@@ -19,9 +19,7 @@ from torchplate.diagnosis.model_builder import with_candidate, working_mesh
 from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.natural import Natural
 from torchplate.diagnosis.table.settings import TableSettings
-from torchplate.model import PlateModel
-from torchplate.model.extrapolation import extrapolate, on_mesh
-from torchplate.model.fine_mesh import SparseModel
+from torchplate.model import PlateModel, SparseModel, extrapolate, on_mesh
 from torchplate.plate import Assembly
 
 MeshKind = Literal["given", "corrected"]

@@ -21,9 +21,7 @@ from torch import Tensor
 from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.natural import Natural
 from torchplate.diagnosis.table.settings import TableSettings
-from torchplate.search.jacobian import Residual
-from torchplate.search.least_squares import least_squares
-from torchplate.search.least_squares_outcome import LeastSquaresOutcome
+from torchplate.search import LeastSquaresOutcome, Residual, least_squares
 
 Prior = Mapping[str, tuple[float, float]]
 # A parameter this near to an end of its interval is on it, on the unit cube: rounding.

@@ -8,9 +8,10 @@ from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Location, Named, Scored, Step
 from torchplate.diagnosis.table.comparison import Comparison, Weighed
 from torchplate.diagnosis.table.found import Found, compared_on, same_on
-from torchplate.diagnosis.table.naming import as_named, finer_mesh, percent
+from torchplate.diagnosis.table.naming import as_named, finer_mesh
 from torchplate.diagnosis.table.posterior import Entry, draws
 from torchplate.diagnosis.table.remarks import all_remarks, missing_still
+from torchplate.discrepancy import percent
 
 # Ends of the intervals that are reported: those of 90 %, as everywhere.
 ENDS = (0.05, 0.95)

@@ -18,6 +18,7 @@ from torchplate.cli.build import load_run
 from torchplate.cli.config import InputError
 from torchplate.cli.diagnose import diagnose
 from torchplate.diagnosis import Diagnosis
+from torchplate.discrepancy import percent
 from torchplate.measurement import MeasurementError
 from torchplate.model import SparseModel
 
@@ -239,8 +240,8 @@ def show(found: Sequence[Found], console: Console) -> None:
                 for effect in diagnosis.effects
             )
             or "nothing",
-            f"{100 * gap.baseline:.3g} to {100 * gap.final:.3g} %, noise {100 * gap.noise_floor:.2g} %",
-            f"{100 * one.worst:.2g} %" if one.nearest else "",
+            f"{percent(gap.baseline)} to {percent(gap.final)}, noise {percent(gap.noise_floor)}",
+            percent(one.worst) if one.nearest else "",
             one.case.values(diagnosis) + (", not to be believed" if diagnosis.verdict == "unexplained" else ""),
             one.case.known,
         )

@@ -19,11 +19,12 @@ from rich.console import Console
 from rich.table import Table
 
 from torchplate.cli.build import load_model, load_run
-from torchplate.cli.compare import Compared, compare
+from torchplate.cli.compare import compare
 from torchplate.cli.config import InputError
 from torchplate.cli.run import run
 from torchplate.cli.simulate import simulate
 from torchplate.measurement import MeasurementError
+from torchplate.report import Compared
 
 CONFIGS = Path("configs")
 OUT = Path("runs/paper_reproduction")
@@ -148,7 +149,8 @@ def _twice(console: Console, name: str, config: str, overrides: Sequence[str], n
         console.rule(f"{name}: {search}, {n_seed} seeds")
         chosen = [*overrides, setting.format(n=n_seed), "log.n_figure=0"]
         folders.append(run(CONFIGS / config, OUT / name / search, chosen, console=console, force=True).folder)
-    return compare(folders, console=console)
+    (groups,) = compare(folders, console=console)
+    return groups
 
 
 if __name__ == "__main__":

@@ -5,8 +5,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from torchplate.cli import real
-from torchplate.cli.real import CASES, examine, show, value_of
+from torchplate.studies import real
+from torchplate.studies.real import CASES, examine, show, value_of
 
 
 @pytest.fixture

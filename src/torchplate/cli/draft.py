@@ -1,0 +1,332 @@
+"""A config in the making: what a measurement and its owner say of a plate, and what is guessed of the rest."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from torchplate.cli.config import InputError
+from torchplate.effects import find_effect
+from torchplate.measurement import (
+    UFF_SUFFIX,
+    Measurement,
+    MeasurementError,
+    Proposal,
+    in_frame,
+    peaks,
+    place,
+    propose,
+    read_geometry,
+    read_measurement,
+    read_nodes,
+    with_nodes,
+)
+from torchplate.model import PlateModel
+from torchplate.plate import (
+    THIN,
+    Material,
+    Mesh,
+    bending_wavelength,
+    elements_for,
+    find_material,
+    frequency_of_wavelength,
+    thickness_of,
+)
+
+MOST_ELEMENTS = {"isotropic": 400, "orthotropic": 130}
+"""Elements at most: a basis serves all members of an isotropic search; else each member takes a whole eigenproblem."""
+LEAST_COHERENCE = 0.8
+SAME_LEVEL = 1.3
+"""A level off by more than this factor is not taken in the file's unit [-]. A plate of the right mass comes within it;
+a gain that is left open costs little, and one that is wrong, or of the wrong sign, costs the answer."""
+UNKNOWN = Material(
+    "unknown material", (0.5e9, 20e9, 260e9), 0.3, 0.05, (500.0, 2700.0, 9000.0), (1e-4, 1e-1), "none named"
+)
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user tells of the plate.
+
+    Args:
+        length: Sides along x and y [m].
+        thickness: [m].
+        mass: Of the plate [kg], instead of its material's density.
+        material: Name of a material.
+        nodes: Table of nodes, for a file without coordinates.
+        unit: Of the coordinates.
+        supports: "free", "springs", or places "x,y" of springs [m from the plate's corner].
+        edges: "x0=clamped" each.
+        kind: Of the FRFs, where the file does not say.
+    """
+
+    length: tuple[float, float] | None = None
+    thickness: float | None = None
+    mass: float | None = None
+    material: str | None = None
+    nodes: Path | None = None
+    unit: str | None = None
+    supports: tuple[str, ...] = ()
+    edges: tuple[str, ...] = ()
+    kind: str | None = None
+
+
+@dataclass(frozen=True)
+class Draft:
+    """All that goes into the config, with the reasons for its comments."""
+
+    file: Path
+    wishes: Wishes
+    measurement: Measurement
+    proposal: Proposal
+    material: Material
+    thickness: tuple[float, float, float]  # low, taken, high [m]; all alike where given
+    density: float
+    edges: dict[str, str]
+    supports: tuple[tuple[float, float], ...] | None  # relative places; None where nobody told
+    band: tuple[float, float]
+    band_reasons: tuple[str, str]
+    cells: tuple[int, int]
+    per_wave: float
+    level: float | None = None  # measured over expected [-]
+    first: float | None = None  # first elastic natural frequency expected [Hz]
+
+    @property
+    def orthotropic(self) -> bool:
+        """Whether the plate may be stiffer along one side than along the other."""
+        return self.material.young_ratio > 1
+
+    @property
+    def moduli(self) -> tuple[float, float]:
+        """Young's modulus along x and along y [Pa], as usual; the stiff direction is guessed along the longer side."""
+        root = math.sqrt(self.material.young_ratio)
+        along = root if self.proposal.length_x >= self.proposal.length_y else 1 / root
+        return self.material.youngs_modulus[1] * along, self.material.youngs_modulus[1] / along
+
+    @property
+    def gain_is_known(self) -> bool:
+        """Whether the level agrees with the file's unit."""
+        if self.measurement.kind == "transmissibility":
+            return True
+        if self.level is None or self.material is UNKNOWN or self.wishes.thickness is None:
+            return False
+        return 1 / SAME_LEVEL <= self.level <= SAME_LEVEL
+
+
+def drafted(file: Path, wishes: Wishes) -> Draft:
+    """What is known of the plate, and what is guessed.
+
+    Args:
+        file: The measurement.
+        wishes: What the user tells.
+    """
+    material = UNKNOWN
+    if wishes.material is not None:
+        try:
+            material = find_material(wishes.material)
+        except KeyError as error:
+            raise InputError(f"--material: {error.args[0]}") from None
+    measurement, proposal = _placed(file, wishes)
+    area = proposal.length_x * proposal.length_y
+    density = material.density[1]
+    if wishes.mass is not None and wishes.thickness is not None:
+        density = wishes.mass / (area * wishes.thickness)
+    draft = Draft(
+        file=file,
+        wishes=wishes,
+        measurement=measurement,
+        proposal=proposal,
+        material=material,
+        thickness=_thickness(measurement, wishes, material, area, density),
+        density=float(f"{density:.5g}"),
+        edges=_edges(wishes, measurement),
+        supports=None,
+        band=(0.0, 0.0),
+        band_reasons=("", ""),
+        cells=(4, 4),
+        per_wave=0.0,
+    )
+    draft = replace(draft, supports=_supports(draft))
+    return _with_level(_meshed(draft))
+
+
+def _placed(file: Path, wishes: Wishes) -> tuple[Measurement, Proposal]:
+    """The measurement in the plate's own axes, and how these were found."""
+    is_uff = file.suffix.lower() in UFF_SUFFIX
+    table = None if wishes.nodes is None else read_nodes(wishes.nodes)
+    if not file.is_file() or not is_uff:
+        measurement = read_measurement(file, wishes.kind)
+        places = {c.node: c.coordinate for c in (*measurement.response, *measurement.reference) if c.coordinate}
+        axis = None
+    else:
+        places, axis = read_geometry(file)
+    places = table if table is not None else places
+    if not places:
+        read_measurement(file, wishes.kind, axis or 3)  # a file without FRFs lacks more than places
+        raise MeasurementError(
+            f"{file}: expected coordinates (dataset 15 or 2411), to see where the channels sit, got none. Give them as "
+            "a table with the columns node, x, y: --nodes nodes.csv."
+        )
+    given = wishes.length, wishes.unit, str(file)
+    try:
+        proposal = propose(np.array(list(places.values()), dtype=np.float64), axis or 3, *given)
+    except MeasurementError:
+        # Fixtures and sensors beside the plate may be drawn too: what was measured decides alone then.
+        seen = read_measurement(file, wishes.kind, axis or 3)
+        nodes = {c.node for c in (*seen.response, *seen.reference)} & set(places)
+        if not nodes or nodes == set(places):
+            raise
+        proposal = propose(np.array([places[node] for node in nodes], dtype=np.float64), axis or 3, *given)
+    measurement = read_measurement(file, wishes.kind, proposal.frame.normal)
+    if table is not None:
+        measurement = with_nodes(measurement, table, str(wishes.nodes))
+    measurement = in_frame(measurement, proposal.frame)
+    place(measurement, proposal.length_x, proposal.length_y, 4, 4)
+    return measurement, proposal
+
+
+def _thickness(
+    measurement: Measurement, wishes: Wishes, material: Material, area: float, density: float
+) -> tuple[float, float, float]:
+    if wishes.thickness is not None:
+        return (wishes.thickness,) * 3
+    top = float(measurement.frequency[-1])
+    seen = max(len(peaks(measurement)), 1) / top
+    guess = thickness_of(area, seen, material.youngs_modulus[1], material.poisson_ratio, density)
+    guess = min(guess, 0.05 * math.sqrt(area))
+    # Some modes show no peak of their own, so the plate is rather thinner than that.
+    return float(f"{guess / 6:.2g}"), float(f"{guess / 2:.2g}"), float(f"{1.5 * guess:.2g}")
+
+
+def _edges(wishes: Wishes, measurement: Measurement) -> dict[str, str]:
+    edges = {}
+    for text in wishes.edges:
+        edge, _, condition = text.partition("=")
+        edges[edge] = condition or "clamped"
+    try:
+        Mesh(1.0, 1.0, 1, 1, edges=edges)
+    except ValueError as error:
+        raise InputError(f"--edge: {error}") from None
+    if measurement.kind == "transmissibility" and not edges:
+        raise InputError(
+            "--edge: Expected a held edge for a transmissibility, whose reference is the motion of the held edges, got "
+            "none. Say which, --edge x0=clamped for the edge at x = 0."
+        )
+    return edges
+
+
+def _supports(draft: Draft) -> tuple[tuple[float, float], ...] | None:
+    given = draft.wishes.supports
+    if not given:
+        return None
+    if given == ("free",):
+        return ()
+    if given == ("springs",):
+        return ((0.1, 0.0), (0.9, 0.0), (0.1, 1.0), (0.9, 1.0))
+    places = []
+    sides = draft.proposal.length_x, draft.proposal.length_y
+    for text in given:
+        try:
+            x, y = (float(part) for part in text.split(","))
+        except ValueError:
+            raise InputError(
+                f"--supports: Expected free, springs or places x,y in m, got '{text}'. Write --supports 0.05,0 0.4,0."
+            ) from None
+        if not (0 <= x <= sides[0] and 0 <= y <= sides[1]):
+            raise InputError(
+                f"--supports: Expected places on the plate of {sides[0]:g} × {sides[1]:g} m, got {text}. Count in m "
+                "from the corner (0, 0)."
+            )
+        places.append((x / sides[0], y / sides[1]))
+    return tuple(places)
+
+
+def _model(draft: Draft, cells: tuple[int, int]) -> PlateModel:
+    """The plate as usual: nothing searched."""
+    mesh = Mesh(draft.proposal.length_x, draft.proposal.length_y, *cells, edges=draft.edges)
+    low, high = draft.material.loss_factor
+    known = {
+        "plate.youngs_modulus": draft.material.youngs_modulus[1],
+        "plate.poisson_ratio": draft.material.poisson_ratio,
+        "plate.density": draft.density,
+        "plate.thickness": draft.thickness[1],
+        "loss.stiffness_loss_factor": math.sqrt(low * high),
+    }
+    effects = {"plate": find_effect("plate")(), "loss": find_effect("hysteretic_damping")()}
+    if draft.orthotropic:
+        effects["grain"] = find_effect("orthotropy")()
+        along, across = draft.moduli
+        known["grain.young_ratio"] = across / along
+    return PlateModel(mesh, effects, known)
+
+
+def _meshed(draft: Draft) -> Draft:
+    """The band that the file, thin-plate theory and a quick search allow, and the elements that it needs."""
+    lines = draft.measurement.frequency[draft.measurement.frequency > 0]
+    bottom, top = float(lines[0]), float(lines[-1])
+    reasons = ["the file's first line", "the file's last line"]
+    material, thickness = draft.material, draft.thickness[1]
+    section = material.poisson_ratio, draft.density, thickness
+    heard = _coherent(draft.measurement)
+    if heard is not None and heard < top:
+        top, reasons[1] = heard, f"above, the coherence falls below {LEAST_COHERENCE:g}"
+    thin = min(frequency_of_wavelength(THIN * thickness, modulus, *section) for modulus in draft.moduli)
+    if thin < top:
+        top, reasons[1] = thin, f"above, bending waves are shorter than {THIN:g} thicknesses and the plate is not thin"
+    sides = draft.proposal.length_x, draft.proposal.length_y
+    theta = torch.zeros(0, dtype=torch.float64)
+    n_rigid = 0 if draft.edges else 3
+    first = float(_model(draft, (8, 8)).natural_frequencies(theta, n_rigid + 1)[n_rigid])
+    most = MOST_ELEMENTS["orthotropic" if draft.orthotropic else "isotropic"]
+
+    def cells(frequency: float) -> tuple[int, int]:
+        waves = [bending_wavelength(frequency, modulus, *section) for modulus in draft.moduli]
+        return elements_for(sides[0], waves[0]), elements_for(sides[1], waves[1])
+
+    while math.prod(cells(top)) > most and top > 4 * first:
+        top *= 0.95
+        reasons[1] = "above, the mesh would have to be too fine for a quick search"
+    if not draft.supports and 0.5 * first > bottom and 0.5 * first < top:
+        bottom, reasons[0] = 0.5 * first, f"half the first natural frequency to expect, {first:.3g} Hz"
+        reasons[0] += "" if draft.edges else ": below, the plate swings on its supports"
+    band = float(f"{bottom:.3g}"), float(f"{top:.4g}")
+    if draft.measurement.band(*band).frequency.numel() < 10:
+        band, reasons = (float(lines[0]), float(lines[-1])), ["the file's first line", "the file's last line"]
+    found = cells(band[1])
+    wave = [bending_wavelength(band[1], modulus, *section) for modulus in draft.moduli]
+    per_wave = min(wave[i] * found[i] / sides[i] for i in (0, 1))
+    return replace(draft, band=band, band_reasons=(reasons[0], reasons[1]), cells=found, per_wave=per_wave, first=first)
+
+
+def _coherent(measurement: Measurement) -> float | None:
+    """The last frequency up to which the FRFs are coherent [Hz]; None where the file holds no coherence."""
+    if measurement.coherence is None:
+        return None
+    mean = torch.nanmedian(measurement.coherence.flatten(1), dim=1).values
+    width = max(len(mean) // 20, 1)
+    smooth = torch.nn.functional.avg_pool1d(mean[None, None].double(), width, stride=1)[0, 0]
+    good = (smooth >= LEAST_COHERENCE).nonzero()[:, 0]
+    return float(measurement.frequency[min(int(good[-1]) + width - 1, len(mean) - 1)]) if len(good) else None
+
+
+def _with_level(draft: Draft) -> Draft:
+    """With the measured level over that of the plate as usual: the median over lines and FRFs."""
+    if draft.measurement.kind == "transmissibility":
+        return draft
+    cut = draft.measurement.band(*draft.band)
+    found = place(cut, draft.proposal.length_x, draft.proposal.length_y, *draft.cells)
+    model = _model(draft, draft.cells)
+    model.kind = cut.kind
+    expected = model.frf(
+        torch.zeros(0, dtype=torch.float64),
+        cut.frequency,
+        response=[spot.place for spot in found.response],
+        reference=[spot.place for spot in found.reference],
+    ).abs()
+    measured = cut.frf.abs()
+    usable = cut.measured.expand_as(measured) & (measured > 0) & (expected > 0)
+    if not bool(usable.any()):
+        return draft
+    return replace(draft, level=float((measured[usable] / expected[usable]).log().median().exp()))

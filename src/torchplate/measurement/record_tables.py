@@ -1,0 +1,219 @@
+"""Time records as tables of channels, from files that name no nodes: WAV, MAT, NPZ, CSV and text, LVM."""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from torchplate.measurement.archive import arrays_of
+from torchplate.measurement.mat_elements import check_elements
+from torchplate.measurement.measurement import MeasurementError
+
+FORCE_NAME: Final = re.compile(
+    r"force|hammer|exc|impact|kraft|^f\d*$|\[\s*(k|m)?n\s*\]|\(\s*(k|m)?n\s*\)", re.IGNORECASE
+)
+RATE_NAME: Final = ("fs", "rate", "sampling_rate", "sample_rate", "samplerate", "sampling_freq", "fsamp", "sr")
+STEP_NAME: Final = ("dt", "ts", "step")
+TIME_NAME: Final = ("t", "time", "time_s", "zeit")
+
+
+@dataclass(frozen=True)
+class RecordTable:
+    """What a file holds, channel by channel; its rate [Hz], where it tells that."""
+
+    rate: float | None
+    names: tuple[str, ...]
+    channels: np.ndarray  # [n_hit, n_channel, n_sample]
+
+
+def _from_wav(path: Path) -> RecordTable:
+    from scipy.io import wavfile
+
+    try:
+        rate, data = wavfile.read(path)
+    except (ValueError, EOFError) as error:
+        raise MeasurementError(
+            f"{path}: expected a WAV file, got one that does not parse ({error}). Export it again."
+        ) from error
+    columns = data[:, None] if data.ndim == 1 else data
+    full = float(np.iinfo(columns.dtype).max) + 1 if np.issubdtype(columns.dtype, np.integer) else 1.0
+    names = tuple(f"channel {i}" for i in range(1, columns.shape[1] + 1))
+    return RecordTable(float(rate), names, (columns.T / full)[None])
+
+
+def _from_mat(path: Path) -> RecordTable:
+    from scipy.io import loadmat
+    from scipy.io.matlab import matfile_version
+
+    if matfile_version(str(path))[0] == 1:
+        check_elements(path.read_bytes())
+    try:
+        content = loadmat(path, squeeze_me=True, simplify_cells=True)
+    except NotImplementedError:
+        raise MeasurementError(
+            f"{path}: expected a MAT file up to version 7, got version 7.3. Save it with -v7."
+        ) from None
+    return _from_mapping(content, path)
+
+
+def _from_npz(path: Path) -> RecordTable:
+    return _from_mapping(arrays_of(path), path)
+
+
+def _from_mapping(content: Mapping[str, Any], path: Path) -> RecordTable:
+    """Arrays by name: the rate by its usual names, the force by its own, everything else as long is a response."""
+    numbers: dict[str, np.ndarray] = {}
+    for key, value in _flat(content):
+        if isinstance(value, np.ndarray | float | int) and np.issubdtype(np.asarray(value).dtype, np.number):
+            numbers[key] = np.asarray(value)
+    rate = next((float(v) for k, v in numbers.items() if _word(k) in RATE_NAME and v.size == 1), None)
+    if rate is None:
+        rate = next((1 / float(v) for k, v in numbers.items() if _word(k) in STEP_NAME and v.size == 1), None)
+    time = next((v for k, v in numbers.items() if _word(k) in TIME_NAME and v.size > 1), None)
+    if rate is None and time is not None:
+        rate = _rate_of(np.ravel(time if time.ndim == 1 else time.reshape(-1, time.shape[-1])[0]), path)
+    signals = {k: v for k, v in numbers.items() if v.size > 1 and v is not time}
+    forces = [k for k in signals if FORCE_NAME.search(_word(k))]
+    if not forces or len(signals) < 2:
+        raise MeasurementError(
+            f"{path}: expected arrays named force, response and fs (or time), got {', '.join(content) or 'none'}. Save "
+            "them under these names."
+        )
+    force = np.atleast_2d(signals.pop(forces[0]))
+    n_hit, n_sample = force.shape
+    if n_hit > n_sample:
+        force = force.T
+        n_hit, n_sample = force.shape
+    blocks, names = [force[:, None]], [forces[0]]
+    for key, value in signals.items():
+        block = _as_hits(value, n_hit, n_sample)
+        if block is None:
+            raise MeasurementError(
+                f"{path}: expected '{key}' with {n_hit} hits of {n_sample} samples as the force, got the shape "
+                f"{value.shape}. Save responses as (hit, channel, sample)."
+            )
+        blocks.append(block)
+        names += [key] if block.shape[1] == 1 else [f"{key} {i}" for i in range(1, block.shape[1] + 1)]
+    return RecordTable(rate, tuple(names), np.concatenate(blocks, axis=1))
+
+
+def _as_hits(value: np.ndarray, n_hit: int, n_sample: int) -> np.ndarray | None:
+    """An array of responses as (hit, channel, sample), whatever the order of its axes."""
+    if value.shape == (n_hit, n_sample):
+        return value[:, None]
+    if value.shape == (n_sample,) and n_hit == 1:
+        return value[None, None]
+    if n_hit == 1 and value.ndim == 2 and n_sample in value.shape:
+        return (value if value.shape[1] == n_sample else value.T)[None]
+    if value.shape == (n_sample, n_hit):
+        return value.T[:, None]
+    if value.ndim == 3 and value.shape[0] == n_hit and value.shape[2] == n_sample:
+        return value
+    if value.ndim == 3 and value.shape[0] == n_hit and value.shape[1] == n_sample:
+        return value.transpose(0, 2, 1)
+    return None
+
+
+def _flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    found: list[tuple[str, Any]] = []
+    for key, value in content.items():
+        if str(key).startswith("__"):
+            continue
+        found += _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [(f"{prefix}{key}", value)]
+    return found
+
+
+def _word(key: str) -> str:
+    return key.rpartition(".")[2].lower()
+
+
+def _from_text(path: Path) -> RecordTable:
+    """Columns: time first unless a rate is given, then the channels; a head line names them."""
+    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    names: list[str] = []
+    rows: list[list[float]] = []
+    for line in lines:
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        cells = _cells(line)
+        try:
+            rows.append([float(cell) for cell in cells])
+        except ValueError:
+            if rows:
+                raise MeasurementError(
+                    f"{path}: expected numbers in each row, got {line.strip()[:60]!r}. Remove that line."
+                ) from None
+            names = cells
+    widths = {len(row) for row in rows}
+    if len(widths) != 1:
+        raise MeasurementError(
+            f"{path}: expected rows of equal length (time, force, response ...), got "
+            f"{'none' if not rows else f'rows of {min(widths)} and {max(widths)} numbers'}. Export it as a table."
+        )
+    table = np.array(rows).T
+    if len(names) != len(table):
+        names = [f"column {i}" for i in range(1, len(table) + 1)]
+    # A time column rises evenly.
+    rises = len(table[0]) > 1 and bool((np.diff(table[0]) > 0).all())
+    if rises:
+        return RecordTable(_rate_of(table[0], path), tuple(names[1:]), table[None, 1:])
+    return RecordTable(None, tuple(names), table[None])
+
+
+def _cells(line: str) -> list[str]:
+    """The cells of a row; a comma is a decimal point where semicolons or tabs part the columns."""
+    for mark in (";", "\t"):
+        if mark in line:
+            cells = [cell.strip() for cell in line.split(mark)]
+            return [cell.replace(",", ".") for cell in cells if cell]
+    cells = line.split(",") if "," in line else line.split()
+    return [cell.strip().strip('"') for cell in cells if cell.strip()]
+
+
+def _rate_of(time: np.ndarray, path: Path) -> float:
+    steps = np.diff(time)
+    step = float(np.median(steps)) if steps.size else 0.0
+    if step <= 0 or float(np.abs(steps - step).max()) > 0.01 * step + 4e-7 * abs(float(time[-1])):
+        raise MeasurementError(
+            f"{path}: expected times that rise in equal steps, got steps from {steps.min():g} to {steps.max():g} s. "
+            "Export it with one sampling rate."
+        )
+    return float((len(time) - 1) / (time[-1] - time[0]))
+
+
+def _from_lvm(path: Path) -> RecordTable:
+    try:
+        import lvm_read
+    except ImportError:
+        raise MeasurementError(
+            f"{path}: expected the package lvm-read, to read LVM files, found none. Install torchplate-fem[lvm], or "
+            "export CSV."
+        ) from None
+    content = lvm_read.read(str(path), read_from_pickle=False, dump_file=False)
+    segments = [content[i] for i in range(content["Segments"])]
+    rate = 1 / float(segments[0]["Delta_X"][0])
+    columns = [np.asarray(segment["data"], dtype=float) for segment in segments]
+    names = [str(name) for name in segments[0].get("Channel names", [])]
+    if names and names[0].lower().startswith("x"):
+        names = names[1:]
+        wide = columns[0].shape[1] == len(names) + 1
+        columns = [c[:, 1:] for c in columns] if wide else columns
+    least = min(len(c) for c in columns)
+    stack = np.stack([c[:least].T for c in columns])
+    kept = [i for i in range(stack.shape[1]) if np.isfinite(stack[:, i]).all()]
+    named = [names[i] if i < len(names) else f"channel {i + 1}" for i in kept]
+    return RecordTable(rate, tuple(named), stack[:, kept])
+
+
+READERS: Final[dict[str, Callable[[Path], RecordTable]]] = {
+    ".wav": _from_wav,
+    ".mat": _from_mat,
+    ".npz": _from_npz,
+    ".csv": _from_text,
+    ".txt": _from_text,
+    ".lvm": _from_lvm,
+}
+RECORD_SUFFIX: Final = tuple(READERS)
