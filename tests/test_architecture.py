@@ -11,14 +11,15 @@ import torchplate
 
 ROOT = Path(torchplate.__file__).parent
 # Each room may use itself and those before it; search stands alone; diagnosis, identification, bench and examples may
-# use all of these, the report may use diagnosis and identification too, the command line all but the examples and the
-# studies, which stand above it and are used by none.
+# use all of these, planning what diagnosis may and diagnosis, the report diagnosis and identification too, the command
+# line all but the examples and the studies, which stand above it and are used by none.
 ROW = ("plate", "effects", "model", "measurement", "discrepancy")
 MAY_USE = {room: {*ROW[: index + 1]} for index, room in enumerate(ROW)}
 MAY_USE |= {"search": {"search"}, "examples": {*ROW, "search", "examples"}}
 MAY_USE |= {room: {*ROW, "search", room} for room in ("bench", "diagnosis", "identification")}
+MAY_USE |= {"planning": {*ROW, "search", "diagnosis", "planning"}}
 MAY_USE |= {"report": {*ROW, "search", "diagnosis", "identification", "report"}}
-MAY_USE |= {"cli": {*ROW, "search", "bench", "diagnosis", "identification", "report", "cli"}}
+MAY_USE |= {"cli": {*ROW, "search", "bench", "diagnosis", "identification", "planning", "report", "cli"}}
 MAY_USE |= {"studies": {*MAY_USE["cli"], "studies"}}
 # `torchplate --help` waits for nothing, so that the front of this room imports nothing: the studies name its modules.
 NO_FRONT = {"cli"}

@@ -9,6 +9,7 @@
 - `identification`: the values of the searched parameters that make it least, and how far to trust them.
 - `diagnosis`: where it comes from: the missing effect, named and added.
 - `report`: results as people read them; writes no file.
+- `planning`: the next test, which would part the names that a diagnosis leaves open.
 - `bench`: how fast, beside what else there is.
 - `cli`: YAML in, `runs/` out.
 - `studies`: what the project shows of itself, a command each; nothing here imports them.

@@ -14,8 +14,10 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torchplate.cli.build import load_model, load_run
 from torchplate.cli.diagnose import diagnose, tolerances
 from torchplate.cli.main import main
+from torchplate.cli.plan import plan, read_doubts
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import SI_UNIT, Channel, Measurement
+from torchplate.planning import Lab
 
 RESPONSE, REFERENCE = (4, 7), (1, 6, 10)
 LINES = torch.linspace(15.0, 300.0, 100, dtype=torch.float64)
@@ -111,6 +113,21 @@ def test_the_mass_is_named(diagnosed):
     for name, value in HIDDEN.items():
         assert mass["parameters"][name]["value"] == pytest.approx(value, abs=0.03 if name in "xy" else 0.003)
     assert content["gap"]["final"] < 0.1 * content["gap"]["baseline"]
+
+
+def test_a_plan_goes_on_from_the_hypotheses_that_are_written(diagnosed, tmp_path):
+    verdict, (doubt,) = read_doubts(diagnosed.folder)
+    assert verdict == "explained"
+    assert (doubt.name, doubt.label) == ("point_mass", diagnosed.content["effects"][1]["label"])
+    assert doubt.probability["point_mass"] > 0.95
+    overrides = ["search.seed=3", "measurement.band=[20.0, 290.0]"]
+    lab, console = Lab(("hammer",), n_place=1), Console(file=StringIO(), width=200)
+    found = plan(diagnosed.path, tmp_path / "plan", overrides, diagnosed.folder, lab, console)
+    assert "No further test is needed for the name" in console.file.getvalue()
+    assert not found.needed
+    # One hit more narrows something, and nothing is narrowed to nothing.
+    assert 0.1 < found.proposed.narrowing < 1.0
+    assert {f"{doubt.label}.{name}" for name in HIDDEN} <= set(found.proposed.gain.narrowed)
 
 
 def test_model_yaml_holds_the_found_numbers_and_loads(diagnosed):

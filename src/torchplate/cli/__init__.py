@@ -7,6 +7,7 @@
 - `frf`: from time records of hits to FRFs; `modes`: from FRFs to a modal model.
 - `run`, `compare`, `simulate`, `inspect`, `diagnose`: the verbs.
 - `finished`: finished runs below a folder, and which plate each is of; `gathered`: their searches put together.
+- `plan`, `plan_text`: the verb that says what to measure next, and its words.
 - `ranks`: the processes of torchrun that share the search of a run.
 - `folder`: where a run is written and what it is resumed from; `occupied`: by one command at a time; `writing`: files
   that are written whole or not at all; `descents`: what a diagnosis goes on from;

@@ -13,10 +13,11 @@ from rich.table import Table
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.config import Known, dump, quantity
 from torchplate.cli.descents import DescentFile, depends_on
-from torchplate.cli.folder import DESCENTS, check_free, diagnosis_folder, open_folder, relocated
+from torchplate.cli.folder import DESCENTS, HYPOTHESES, check_free, diagnosis_folder, open_folder, relocated
 from torchplate.cli.occupied import occupied
 from torchplate.cli.run import device_named
 from torchplate.cli.writing import write_files, write_text
+from torchplate.diagnosis import SCHEMA as OF_HYPOTHESES
 from torchplate.diagnosis import Diagnosis
 from torchplate.diagnosis import diagnose as find_missing
 from torchplate.discrepancy import ModalEvidence, percent
@@ -113,6 +114,9 @@ def diagnose(
         # There is nothing more to go on from.
         (folder / DESCENTS).unlink(missing_ok=True)
         _say(console, found, folder)
+        if any(one.equivalent for one in found.effects) and found.doubts:
+            said = f"Next: `torchplate plan {config}` scores what further tests would tell of the name."
+            console.print(f"  {said}", highlight=False, markup=False, soft_wrap=True)
         return found
 
 
@@ -132,7 +136,7 @@ def tolerances(recipe: Run) -> dict[str, float]:
 def write(
     recipe: Run, found: Diagnosis, folder: Path, report: bool, command: str, modal: ModalEvidence | None = None
 ) -> None:
-    """model.yaml, if wanted what people read, and diagnosis.json."""
+    """model.yaml, hypotheses.json, if wanted what people read, and diagnosis.json."""
     write_text(folder / MODEL, dump(_updated(recipe, found, folder)))
     if report:
         from torchplate.cli.log import log_diagnosis
@@ -141,6 +145,8 @@ def write(
         command = f"torchplate diagnose {command}"
         write_files(folder, diagnosis_report(recipe.path.stem, found, folder, command, modal))
         log_diagnosis(folder, found)
+    hypotheses = {"schema": OF_HYPOTHESES, "doubts": [one.to_dict() for one in found.doubts]}
+    write_text(folder / HYPOTHESES, json.dumps(_plain(hypotheses), indent=1, allow_nan=False) + "\n")
     # Last: a folder that holds it holds everything.
     content = found.to_dict() | {"model": MODEL}
     write_text(folder / "diagnosis.json", json.dumps(_plain(content), indent=1, allow_nan=False) + "\n")

@@ -19,11 +19,13 @@ from torchplate.search import Checkpoint, LeastSquares, Optimizer
 PACKAGES = ("torchplate-fem", "torch", "numpy", "scipy", "pyuff", "pydantic", "tensorboard", "matplotlib")
 CHECKPOINT = "checkpoint.pt"
 DESCENTS = "descents.pt"
+HYPOTHESES = "hypotheses.json"
 
 # What each verb leaves, and does not write over unasked.
 PRODUCTS = {
     "run": ("result.json", "report.md", "report.html", "checkpoint.pt"),
-    "diagnose": ("diagnosis.json", "model.yaml", "report.md", "report.html", DESCENTS),
+    "diagnose": ("diagnosis.json", "model.yaml", "report.md", "report.html", HYPOTHESES, DESCENTS),
+    "plan": ("plan.json", "plan.yaml"),
 }
 
 

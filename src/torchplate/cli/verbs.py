@@ -89,6 +89,32 @@ def _diagnose(parsed: Parsed) -> None:
     diagnose(parsed.config, parsed.out, parsed.set, parsed.device, force=parsed.force, resume=parsed.resume)
 
 
+def _plan_arguments(parser: ArgumentParser) -> None:
+    from torchplate.planning import KINDS
+
+    _config(parser)
+    parser.add_argument("--from", type=Path, dest="source", metavar="DIR", help="folder of its diagnosis")
+    parser.add_argument("--out", type=Path, help="the folder (default: that of the diagnosis)")
+    parser.add_argument("--can", nargs="+", choices=list(KINDS), help="what the lab can do (default: all of it)")
+    parser.add_argument(
+        "--masses", type=float, nargs="+", default=[], metavar="KG", help="pieces that there are [kg]; else proposed"
+    )
+    parser.add_argument("--force", action="store_true", help="write over an earlier plan")
+    _device(parser)
+
+
+def _plan(parsed: Parsed) -> None:
+    from torchplate.cli.config import InputError
+    from torchplate.cli.plan import plan
+    from torchplate.planning import KINDS, Lab
+
+    try:
+        lab = Lab(can=tuple(parsed.can or KINDS), masses=tuple(parsed.masses))
+    except ValueError as error:
+        raise InputError(f"--masses: {error}") from None
+    plan(parsed.config, parsed.out, parsed.set, parsed.source, lab, force=parsed.force, device=parsed.device)
+
+
 def _new_arguments(parser: ArgumentParser) -> None:
     from torchplate.measurement import KINDS, METRES
     from torchplate.plate import MATERIALS
@@ -301,6 +327,15 @@ VERBS: Final = {
         ),
         _diagnose_arguments,
         _diagnose,
+    ),
+    "plan": Verb(
+        "score the tests that a lab can do next by what they would tell of the name, and write the best one's config",
+        (
+            "torchplate plan plate.yaml",
+            "torchplate plan plate.yaml --from runs/plate --can mass wires --masses 0.02 0.05",
+        ),
+        _plan_arguments,
+        _plan,
     ),
     "compare": Verb(
         "lay finished runs over each other",

@@ -13,25 +13,42 @@
 - `next_measurement`: the cheapest measurement that would part equivalents.
 - `summary`: what is said of all this; `naming`: of an effect that is named; `remarks`: of what is missing still;
   `result`: the object that holds it all.
+- `rivals`: the hypotheses that are left open, as data; `doubts`: which they are.
 """
 
 from torchplate.diagnosis.assurance import csac_by_line, csf_by_line, fdac, fdac_frequency, frac_by_channel
-from torchplate.diagnosis.flow import diagnose
+from torchplate.diagnosis.candidates.catalogue import channels_of
+from torchplate.diagnosis.flow import diagnose, line_step
+from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import ChannelGap, Diagnosis, Estimate, Location, Named, Overlay, Scored, Step
+from torchplate.diagnosis.rivals import SCHEMA, Doubt, Rival
+from torchplate.diagnosis.selection.forward import ForwardSelection
+from torchplate.diagnosis.settings import SETTINGS, DiagnosisSettings
+from torchplate.diagnosis.target import FrfTarget
 
 __all__ = [
+    "SCHEMA",
+    "SETTINGS",
     "ChannelGap",
     "Diagnosis",
+    "DiagnosisSettings",
+    "Doubt",
     "Estimate",
+    "ForwardSelection",
+    "FrfTarget",
     "Location",
+    "ModelBuilder",
     "Named",
     "Overlay",
+    "Rival",
     "Scored",
     "Step",
+    "channels_of",
     "csac_by_line",
     "csf_by_line",
     "diagnose",
     "fdac",
     "fdac_frequency",
     "frac_by_channel",
+    "line_step",
 ]

@@ -55,7 +55,7 @@ def diagnose(
         return diagnose_table(model, natural_frequencies, tolerance=tolerance, say=say)
     began = time.monotonic()
     noise = noise_level(measurement, n_average)
-    if (step := _step(measurement)) > 1:
+    if (step := line_step(measurement)) > 1:
         measurement, noise = measurement.every(step), noise.every(step)
     target = FrfTarget(
         measurement, noise, held_out(measurement.measured, seed), gain_is_unknown, imperfections or Imperfections()
@@ -76,7 +76,7 @@ def diagnose(
     )
 
 
-def _step(measurement: Measurement) -> int:
+def line_step(measurement: Measurement) -> int:
     """Of how many lines one is looked at."""
     lines = SETTINGS.lines
     n = len(measurement.frequency)

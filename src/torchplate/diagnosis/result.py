@@ -10,6 +10,7 @@ from typing import Any, Literal
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from torchplate.diagnosis.rivals import Doubt
 from torchplate.measurement import Measurement
 from torchplate.model import PlateModel
 
@@ -267,6 +268,7 @@ class Diagnosis:
         overlay: for figures; None where natural frequencies alone were measured.
         n_evaluation: FRF evaluations.
         seconds: it took.
+        doubts: the hypotheses behind each name, for whoever plans a further test; none of a table.
     """
 
     verdict: Verdict
@@ -284,6 +286,7 @@ class Diagnosis:
     n_evaluation: int = 0
     seconds: float = 0.0
     settings: Mapping[str, Any] = field(default_factory=dict)
+    doubts: tuple[Doubt, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The content of `diagnosis.json`, but for the name of the model's file."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import torch
 
 from torchplate.diagnosis.candidates.candidate import nameable
+from torchplate.diagnosis.doubts import doubts_of
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.localisation.localise import localise
 from torchplate.diagnosis.model_builder import ModelBuilder
@@ -57,6 +58,7 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
         overlay=_overlay(builder, noise, _first(seen, bool(finer)), final.fit),
         n_evaluation=builder.n_evaluation,
         seconds=seconds,
+        doubts=doubts_of(final),
     )
 
 

@@ -86,6 +86,7 @@ class Choice:
         next_best: the best of those outside the set; None if there is none.
         confidence: posterior probability of the set.
         probability: of each name.
+        every: hypothesis, with its probability.
     """
 
     best: Hypothesis
@@ -93,6 +94,7 @@ class Choice:
     next_best: Hypothesis | None
     confidence: float
     probability: tuple[tuple[str, float], ...] = ()
+    every: tuple[tuple[Hypothesis, float], ...] = ()
 
     def holds(self, one: Hypothesis) -> bool:
         """Whether a hypothesis is the best, or one of a name that is in the set and as probable as such."""
@@ -160,7 +162,8 @@ def choose(hypotheses: Sequence[Hypothesis], none: Fit, best: Hypothesis | None 
         held += odds[name]
     outside = [one for one in ranked if one.name not in chosen]
     probability = tuple((name, odds[name] / whole) for name in names)
-    return Choice(best, tuple(chosen[1:]), outside[0] if outside else None, held / whole, probability)
+    every = tuple((one, math.exp(-0.5 * (costs[id(one)] - least)) / whole) for one in ranked)
+    return Choice(best, tuple(chosen[1:]), outside[0] if outside else None, held / whole, probability, every)
 
 
 def is_noise(fit: Fit) -> bool:
