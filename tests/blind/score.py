@@ -13,6 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from blind.field import NEAR, field_of
 from blind.place import numbers, place_error, size_error, which_is_right
 from blind.twins import MESH, Judge, right, sure_of_twin
 
@@ -190,6 +191,8 @@ class Score:
         known = [pair for pair in self.of("none", "one", "two") if pair[0].get("diagnosis")]
         inside = [within for v in self.verdicts for _, _, within in v.covered]
         found = [v for _, v in (*named, *two) if v.gap is not None and v.right]
+        fields = [field for pair in beyond if (field := field_of(pair[0])) is not None]
+        placed = [off for _, off in fields if off is not None]
         which = [w for v in self.verdicts for w in v.which]
         young = [v.young for v in self.verdicts if v.young is not None and v.right]
         rows = [
@@ -204,6 +207,8 @@ class Score:
             ("a false name on nothing hidden", sum(bool(v.named) for _, v in nothing), len(nothing)),
             ("a false name, all but beyond", sum(v.false_name for _, v in known), len(known)),
             ("beyond the catalogue, not called explained", sum(v.right for _, v in beyond), len(beyond)),
+            ("  the field without a name: kind right", sum(right for right, _ in fields), len(fields)),
+            (f"  the field: place within {100 * NEAR:.0f} %", sum(off <= NEAR for off in placed), len(placed)),
             ("  of right names, the right edge, sensor or channel", sum(which), len(which)),
             ("two effects, both right (of two detectable)", sum(v.right for _, v in two), len(two)),
             ("two effects, at least one", sum(bool(v.found) for _, v in two), len(two)),

@@ -40,6 +40,10 @@ EXAMPLES = {
     ),
     "cut_out": Example({}, {"x0": 0.22, "y0": 0.33, "x1": 0.57, "y1": 0.81}),
     "thickness_field": Example({}, {"a10": 0.02, "a01": -0.013, "a11": 0.017, "a20": 0.011, "a02": -0.019}),
+    "field": Example(
+        {"kind": "stiffness", "n_x": 2, "n_y": 3},
+        {"value_1": -0.3, "value_2": 0.2, "value_3": -0.45, "value_4": 0.35, "value_5": 0.15, "value_6": -0.25},
+    ),
     "damping_patch": Example({}, {"x": 0.63, "y": 0.31, "size": 0.37, "loss_factor": 0.2}),
     "directional_damping": Example({}, {"loss_x": 0.008, "loss_y": 0.03, "loss_xy": 0.02}),
     "frequency_dependent_loss": Example({}, {"exponent": 0.45}),

@@ -157,9 +157,11 @@ def _updated(recipe: Run, found: Diagnosis, folder: Path) -> dict[str, Any]:
     raw = relocated(recipe, folder)
     effects: dict[str, Any] = {label: dict(body) for label, body in raw["effects"].items()}
     by_label: dict[str, dict[str, float]] = {}
+    known = found.model.known_values
     for name, one in found.parameters.items():
         label, _, key = name.rpartition(".")
-        by_label.setdefault(label, {})[key] = one.value
+        # Beside a field the numbers are others than those that were told of the model without one.
+        by_label.setdefault(label, {})[key] = known.get(name, one.value) if found.field is not None else one.value
     for label, effect in found.model.effects.items():
         own = {name: getattr(effect, name) for name in options(type(effect)) if getattr(effect, name)}
         effects.setdefault(label, {"effect": effect.name, **_plain(own)})
@@ -215,6 +217,9 @@ def _say(console: Console, found: Diagnosis, folder: Path) -> None:
                 escape(row.remark),
             )
         console.print(table)
+    if found.field is not None:
+        for sentence in found.field.sentences:
+            console.print(f"  Field: {sentence}", highlight=False, markup=False)
     for sentence in (*found.missing, *found.remarks):
         console.print(f"  [yellow]Note:[/] {escape(sentence)}", highlight=False)
     for sentence in found.next_measurements:

@@ -9,6 +9,7 @@
 - `fit`: the refit of one hypothesis; `joint`: its parameters and the specimen at once; `problem`: its residuals, and
   the ways down; `judged`: it beside noise and nuisances; `basins`: where it begins when nothing is known.
 - `localisation`: where the misfit sits: in frequency, in the channels, on the plate, and of which kind it is.
+- `field`: where nothing of the catalogue accounts for what is left, a map without a name.
 - `assurance`: FRAC, CSAC, CSF and FDAC of what was measured with a model.
 - `next_measurement`: the cheapest measurement that would part equivalents.
 - `summary`: what is said of all this; `naming`: of an effect that is named; `remarks`: of what is missing still;
@@ -20,7 +21,17 @@ from torchplate.diagnosis.assurance import csac_by_line, csf_by_line, fdac, fdac
 from torchplate.diagnosis.candidates.catalogue import channels_of
 from torchplate.diagnosis.flow import diagnose, line_step
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.result import ChannelGap, Diagnosis, Estimate, Location, Named, Overlay, Scored, Step
+from torchplate.diagnosis.result import (
+    ChannelGap,
+    Diagnosis,
+    Estimate,
+    FoundField,
+    Location,
+    Named,
+    Overlay,
+    Scored,
+    Step,
+)
 from torchplate.diagnosis.rivals import SCHEMA, Doubt, Rival
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.settings import SETTINGS, DiagnosisSettings
@@ -35,6 +46,7 @@ __all__ = [
     "Doubt",
     "Estimate",
     "ForwardSelection",
+    "FoundField",
     "FrfTarget",
     "Location",
     "ModelBuilder",

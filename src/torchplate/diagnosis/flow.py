@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 
 import torch
 
+from torchplate.diagnosis.field import with_field
 from torchplate.diagnosis.holdout import held_out
 from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.selection.forward import ForwardSelection
@@ -70,10 +71,13 @@ def diagnose(
         selection, baseline = selection.inflated(selection.begun)
         given = selection.as_given(baseline)
         state, rankings = selection.add_effects(baseline, most_effects)
-    return summarise(
+    found = summarise(
         Trace(selection.builder, noise, given, selection.begun, state, tuple(rankings), selection.prior),
         time.monotonic() - began,
     )
+    if found.verdict in ("consistent", "explained"):
+        return found
+    return with_field(found, selection.builder, state.fit, selection.prior, say)
 
 
 def line_step(measurement: Measurement) -> int:

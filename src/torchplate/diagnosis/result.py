@@ -3,8 +3,9 @@
 The report, `diagnosis.json`, TensorBoard and `torchplate.diagnose` all read this one object.
 """
 
+import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from jaxtyping import Bool, Complex, Float
@@ -250,6 +251,62 @@ class Overlay:
 
 
 @dataclass(frozen=True)
+class FoundField:
+    """What is missing as a field over the plate: its kind and place, and no name.
+
+    Attributes:
+        kind: "stiffness", "mass", "loss" or "support" (a force from outside, in proportion to the deflection).
+        place: where its weight sits, relative.
+        spread: standard deviation of the weight about that along x and y, relative.
+        others: places that these data cannot tell from it: its mirror images.
+        total: of a mass [kg], of springs [N/m]; of stiffness and loss the mean over the plate [-].
+        unit: of the total.
+        n_x: nodes of the grid along x.
+        n_y: along y.
+        values: at the nodes, along x first.
+        form: of the prior: "rough", "smooth" or "sparse".
+        strength: standard deviation of a value beforehand, as cross-validation chose it, in the values' unit.
+        probability: of each kind, as far as these data tell.
+        gap_before: of the fitted FRFs, without it.
+        gap_after: with it.
+        heldout_before: of the others; None where there is none.
+        heldout_after: likewise.
+        sentences: the same in words, and what these data cannot tell.
+    """
+
+    kind: str
+    place: tuple[float, float]
+    spread: tuple[float, float]
+    others: tuple[tuple[float, float], ...]
+    total: float
+    unit: str
+    n_x: int
+    n_y: int
+    values: tuple[float, ...]
+    form: str
+    strength: float
+    probability: Mapping[str, float]
+    gap_before: float
+    gap_after: float
+    heldout_before: float | None
+    heldout_after: float | None
+    sentences: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it."""
+        places = [{"x": x, "y": y} for x, y in (self.place, *self.others)]
+        return dict(vars(self)) | {
+            "place": places[0],
+            "others": places[1:],
+            "spread": {"x": self.spread[0], "y": self.spread[1]},
+            "total": {"value": self.total, "unit": self.unit},
+            "values": list(self.values),
+            "probability": dict(self.probability),
+            "sentences": list(self.sentences),
+        }
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """What a diagnosis found.
 
@@ -269,6 +326,8 @@ class Diagnosis:
         n_evaluation: FRF evaluations.
         seconds: it took.
         doubts: the hypotheses behind each name, for whoever plans a further test; none of a table.
+        field: what is missing as a field without a name, where nothing of the catalogue accounts for it; None where
+            none was looked for, or none helps. The last model holds it, and numbers fitted beside it.
     """
 
     verdict: Verdict
@@ -285,8 +344,9 @@ class Diagnosis:
     overlay: Overlay | None
     n_evaluation: int = 0
     seconds: float = 0.0
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     doubts: tuple[Doubt, ...] = ()
+    field: FoundField | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The content of `diagnosis.json`, but for the name of the model's file."""
@@ -307,4 +367,5 @@ class Diagnosis:
             ],
             "n_evaluation": self.n_evaluation,
             "seconds": self.seconds,
+            "field": None if self.field is None else self.field.to_dict(),
         }

@@ -23,15 +23,16 @@ from torchplate.discrepancy.measure import OBJECTIVES, Measured
 from torchplate.discrepancy.modal_evidence import ModalEvidence, ModePair
 from torchplate.discrepancy.norms import coherence_weighted, log_amplitude, relative_amplitude_norm, relative_frf_norm
 from torchplate.discrepancy.notation import percent
-from torchplate.discrepancy.nuisance import modes_near, nuisances, place_std, specimen_columns
+from torchplate.discrepancy.nuisance import matrix_columns, modes_near, nuisances, place_std, specimen_columns
 from torchplate.discrepancy.objective import Evidence, Objective
 from torchplate.discrepancy.sensitivity import Sensitivity, sensitivity
 from torchplate.discrepancy.specimen import Found, OfChannels, Specimens, as_it_is_meant
-from torchplate.discrepancy.wandering import UNIFORM, Wandering
+from torchplate.discrepancy.wandering import UNIFORM, Elements, Wandering
 
 __all__ = [
     "OBJECTIVES",
     "UNIFORM",
+    "Elements",
     "Evidence",
     "Found",
     "Judged",
@@ -53,6 +54,7 @@ __all__ = [
     "frac",
     "log_amplitude",
     "mac",
+    "matrix_columns",
     "modes_near",
     "nuisances",
     "percent",

@@ -247,6 +247,35 @@ def place_std(imperfections: Imperfections, mesh: tuple[float, float]) -> float:
     return max(imperfections.std("position_std"), mesh[0])
 
 
+@torch.no_grad()
+def matrix_columns(
+    model: PlateModel,
+    theta: Float[Tensor, " n_parameter"],
+    frequency: Float[Tensor, " n_frequency"],
+    stiffness: Float[Tensor, "n_change n n"],
+    mass: Float[Tensor, "n_change n n"],
+    decay: float | Float[Tensor, " n_frequency"] = 0.0,
+    lossy: bool = False,
+) -> Complex[Tensor, "n_change n_frequency n_response n_reference"]:
+    """What changes of the matrices, each alone, add to the FRFs, to first order.
+
+    Args:
+        model: in a basis.
+        theta: its searched parameters.
+        frequency: lines [Hz].
+        stiffness: of each change, in the model's coordinates [N/m].
+        mass: likewise [kg].
+        decay: σ of s = iω + σ [1/s].
+        lossy: the stiffness is one of loss, i times it, whatever the loss factor of the whole.
+    """
+    _, _, modal, to_reading = _apart(model, theta, frequency, decay)
+    shape = modal.shape
+    changes = through_each(modal, shape.mT @ stiffness @ shape, shape.mT @ mass @ shape, to_reading.chain.laplace)
+    if lossy:
+        changes = changes * (1j / modal.kappa[:, 0])[:, None, None]
+    return torch.stack([to_reading(one) for one in changes])
+
+
 def modes_near(model: PlateModel, theta: Float[Tensor, " n_parameter"], frequency: Tensor) -> int:
     """How many modes lie in the band or a little above it: those whose damping is seen.
 

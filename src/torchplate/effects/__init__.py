@@ -16,6 +16,7 @@ from torchplate.effects.directional_damping import DirectionalDamping
 from torchplate.effects.edge_spring import EdgeSpring
 from torchplate.effects.effect import CATALOGUE, Channel, Check, Effect, SensorChain, find_effect, options
 from torchplate.effects.exponential_window import ExponentialWindow
+from torchplate.effects.field import KINDS, Field
 from torchplate.effects.frequency_dependent_loss import FrequencyDependentLoss
 from torchplate.effects.grain_angle import GrainAngle
 from torchplate.effects.ground_dashpot import GroundDashpot
@@ -23,7 +24,7 @@ from torchplate.effects.ground_spring import GroundSpring
 from torchplate.effects.hysteretic_damping import HystereticDamping
 from torchplate.effects.mesh_discretisation import MeshDiscretisation
 from torchplate.effects.orthotropy import Orthotropy
-from torchplate.effects.parameter import Interval, Parameter, Prior, Searched
+from torchplate.effects.parameter import Interval, Parameter, Prior, Searched, plate_scale
 from torchplate.effects.plate import Plate
 from torchplate.effects.point_mass import PointMass
 from torchplate.effects.poisson_ratio import PoissonRatio
@@ -42,6 +43,7 @@ from torchplate.effects.viscous_damping import ViscousDamping
 
 __all__ = [
     "CATALOGUE",
+    "KINDS",
     "Absorber",
     "AirLoading",
     "AspectRatio",
@@ -56,6 +58,7 @@ __all__ = [
     "EdgeSpring",
     "Effect",
     "ExponentialWindow",
+    "Field",
     "FrequencyDependentLoss",
     "GrainAngle",
     "GroundDashpot",
@@ -85,4 +88,5 @@ __all__ = [
     "ViscousDamping",
     "find_effect",
     "options",
+    "plate_scale",
 ]

@@ -4,7 +4,7 @@
 - `numbers`: values with their errors; `channel_names`: what "3w" says.
 - `diagnosis`: the report of a diagnosis; `verdict`: its first sentence; `diagnosis_tables`: its tables;
   `diagnosis_figures`: its figures.
-- `gap_figure`, `bands_figure`, `frf_figure`, `plate_map`, `assurance_figure`: what each of them shows.
+- `gap_figure`, `bands_figure`, `frf_figure`, `plate_map`, `field_map`, `assurance_figure`: what each of them shows.
 - `mode_shapes`: small multiples of a model's modes; `measured_shapes`: what was measured beside them;
   `shape_agreement`: MAC and COMAC of shapes that were measured as such.
 - `quality_figure`: a measurement as it is.

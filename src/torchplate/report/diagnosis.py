@@ -74,6 +74,11 @@ def _blocks(
     if diagnosis.missing:
         yield Heading("What is missing and has no name")
         yield Listing(diagnosis.missing)
+    if diagnosis.field is not None:
+        yield Heading("What is missing, as a field over the plate")
+        yield Listing(diagnosis.field.sentences)
+        text = "What would have to be there, and where. `model.yaml` holds it, and the numbers fitted beside it."
+        yield Picture("field", text, shown["field"])
     if diagnosis.remarks:
         yield Heading("Remarks")
         yield Listing(diagnosis.remarks)

@@ -9,6 +9,7 @@ from torchplate.diagnosis import Diagnosis
 from torchplate.report.assurance_figure import assurance, assurance_panels
 from torchplate.report.bands_figure import bands_figure, bands_told
 from torchplate.report.document import Panel
+from torchplate.report.field_map import field_map, field_told
 from torchplate.report.frf_figure import frf_overlay, frf_told, shown
 from torchplate.report.gap_figure import gap_figure, gap_told
 from torchplate.report.plate_map import map_told, place_found, plate_map
@@ -20,7 +21,8 @@ N_PANEL = 6
 def figures(diagnosis: Diagnosis) -> dict[str, Figure]:
     """The figures beside report.md, by file name.
 
-    "gap"; "bands", "frf" and "assurance" where FRFs were measured; "map" where there is a place to show.
+    "gap"; "bands", "frf" and "assurance" where FRFs were measured; "map" where there is a place to show; "field" where
+    one was found.
     """
     drawn = {"gap": gap_figure(diagnosis)}
     if (overlay := diagnosis.overlay) is not None:
@@ -29,6 +31,8 @@ def figures(diagnosis: Diagnosis) -> dict[str, Figure]:
         drawn["assurance"] = assurance(overlay)
     if _has_places(diagnosis):
         drawn["map"] = plate_map(diagnosis)
+    if diagnosis.field is not None:
+        drawn["field"] = field_map(diagnosis, diagnosis.field)
     return drawn
 
 
@@ -52,6 +56,8 @@ def panels(diagnosis: Diagnosis, drawn: dict[str, Figure]) -> dict[str, tuple[Pa
         found["assurance"] = assurance_panels(overlay)
     if _has_places(diagnosis):
         found["map"] = _either(drawn["map"], partial(plate_map, diagnosis, narrow=True), map_told(diagnosis))
+    if (field := diagnosis.field) is not None:
+        found["field"] = _either(drawn["field"], partial(field_map, diagnosis, field, narrow=True), field_told(field))
     return found
 
 
@@ -69,6 +75,8 @@ def log_figures(diagnosis: Diagnosis) -> dict[str, Figure]:
         drawn["assurance"] = assurance(overlay)
     if _has_places(diagnosis):
         drawn["map"] = plate_map(diagnosis)
+    if diagnosis.field is not None:
+        drawn["field"] = field_map(diagnosis, diagnosis.field)
     return drawn
 
 

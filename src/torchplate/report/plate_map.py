@@ -73,8 +73,8 @@ def plate_map(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
         part = "part of the misfit before that a force"
         label = f"{part}{' ' if long and not narrow else chr(10)}at this place would explain [%]"
         colour_bar(figure, image, axis, label, shrink=0.7, pad=0.02, ticks=MaxNLocator(5), **where)
-    handles = _plate(axis, diagnosis, sides)
-    handles += _channels(axis, diagnosis, sides)
+    handles = draw_plate(axis, diagnosis, sides)
+    handles += draw_channels(axis, diagnosis, sides)
     handles += _found(axis, diagnosis, sides, narrow)
     margin = 0.045 * max(sides)
     axis.set(xlim=(-margin, sides[0] + margin), ylim=(-margin, sides[1] + margin), aspect="equal")
@@ -116,7 +116,7 @@ def map_told(diagnosis: Diagnosis) -> str:
     return f"The plate from above. {' '.join(parts)}".strip()
 
 
-def _plate(axis: Axes, diagnosis: Diagnosis, sides: tuple[float, float]) -> list[Line2D]:
+def draw_plate(axis: Axes, diagnosis: Diagnosis, sides: tuple[float, float]) -> list[Line2D]:
     """The plate's outline, held edges and supports."""
     model = diagnosis.model
     axis.add_patch(Rectangle((0, 0), *sides, facecolor="none", edgecolor=INK, lw=1.2, zorder=2))
@@ -143,7 +143,7 @@ def _plate(axis: Axes, diagnosis: Diagnosis, sides: tuple[float, float]) -> list
     return handles
 
 
-def _channels(axis: Axes, diagnosis: Diagnosis, sides: tuple[float, float]) -> list[Line2D]:
+def draw_channels(axis: Axes, diagnosis: Diagnosis, sides: tuple[float, float]) -> list[Line2D]:
     """Where sensors and forces sit."""
     handles = []
     ends = _places(diagnosis)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from torchplate.diagnosis.settings.evidence import Comparison, HoldingOut, Lines, Localising
+from torchplate.diagnosis.settings.field import FieldInference
 from torchplate.diagnosis.settings.fitting import Fitting, Meshes, Searching, WideLevels
 from torchplate.diagnosis.settings.selection import Screening, Selecting, Trials
 from torchplate.discrepancy import Knowledge, Wandering
@@ -26,6 +27,7 @@ class DiagnosisSettings:
         screening: of all candidates.
         selecting: of those refitted.
         localising: the misfit.
+        inferring: a field, where nothing of the catalogue accounts for it.
     """
 
     knowledge: Knowledge = field(default_factory=Knowledge)
@@ -41,6 +43,7 @@ class DiagnosisSettings:
     screening: Screening = field(default_factory=Screening)
     selecting: Selecting = field(default_factory=Selecting)
     localising: Localising = field(default_factory=Localising)
+    inferring: FieldInference = field(default_factory=FieldInference)
 
 
 # What is read where no target says otherwise.

@@ -1,0 +1,13 @@
+"""Where nothing of the catalogue accounts for what is left: what is missing as a field over the plate, without a name.
+
+- `infer`: the steps, from a fitted model to a field and how probable each kind of it is.
+- `grid`: the nodes of the field: where it sits, how far it spreads, its mirror images.
+- `field_model`: a fitted model with a field in it, and what each value of it does to the FRFs.
+- `descent`: Gauss and Newton's steps, from smoothed spectra to sharp ones.
+- `strength`: how large and how smooth a field may be, by cross-validation over the FRFs.
+- `told`: what was found, in words and numbers.
+"""
+
+from torchplate.diagnosis.field.infer import infer_field, with_field
+
+__all__ = ["infer_field", "with_field"]

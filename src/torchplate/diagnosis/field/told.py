@@ -1,0 +1,119 @@
+"""What was found of a field, in words and numbers."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import torch
+from torch import Tensor
+
+from torchplate.diagnosis.field.descent import Place
+from torchplate.diagnosis.field.field_model import FieldModel
+from torchplate.diagnosis.field.grid import Grid
+from torchplate.diagnosis.result import FoundField
+from torchplate.diagnosis.target import FrfTarget
+
+WORDS: Final = {
+    "stiffness": "bending stiffness",
+    "mass": "mass",
+    "loss": "loss",
+    "support": "a force from outside, as of springs to the ground",
+}
+# Of a kind that is this probable nobody doubts; a field whose weight scatters by more has no one place.
+SURE, WIDE = 0.95, 0.2
+
+
+def as_found(
+    model: FieldModel,
+    place: Place,
+    others: Sequence[Tensor],
+    probability: Mapping[str, float],
+    gaps: Sequence[float | None],
+    target: FrfTarget,
+    n_frf: int,
+) -> FoundField:
+    """The field as it is reported.
+
+    Args:
+        model: with it.
+        place: where its descent ended.
+        others: values of mirror images that are as good.
+        probability: of each kind.
+        gaps: fitted before and after, held out before and after.
+        target: what it was held against.
+        n_frf: that it was fitted to.
+    """
+    assert place.chosen is not None
+    grid, values = model.grid, place.values
+    middle, spread = grid.centre(values)
+    total, unit = _total(model, values)
+    chosen = place.chosen
+    found = FoundField(
+        model.kind, _pair(middle), _pair(spread), tuple(_pair(grid.centre(one)[0]) for one in others), total, unit,
+        grid.n_x, grid.n_y, tuple(values.tolist()), chosen.form, chosen.std,
+        {kind: round(one, 4) for kind, one in probability.items()},
+        gaps[0] or 0.0, gaps[1] or 0.0, gaps[2], gaps[3],
+    )  # fmt: skip
+    return replace(found, sentences=tuple(_sentences(found, grid, n_frf, target)))
+
+
+def _pair(place: Tensor) -> tuple[float, float]:
+    return float(place[0]), float(place[1])
+
+
+def _total(model: FieldModel, values: Tensor) -> tuple[float, str]:
+    """Of a mass and of springs their sum, else the mean over the plate."""
+    if model.kind == "support":
+        return float(values.sum()), "N/m"
+    mean = float(model.grid.area @ values)
+    if model.kind != "mass":
+        return mean, "-"
+    plan = model.base.plan(model.base.space.to_si(torch.full((len(model.base.names),), 0.5).to(values)))
+    area = float((plan.geometry.length_x * plan.geometry.length_y).mean())
+    return mean * float(plan.section.areal_mass.mean()) * area, "kg"
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.3g} %"
+
+
+def _sentences(found: FoundField, grid: Grid, n_frf: int, target: FrfTarget) -> list[str]:
+    """Kind and place, what it takes off the gap, and what these data do not tell."""
+    size = (
+        f"{found.total:+.3g} {found.unit} in all"
+        if found.unit != "-"
+        else f"{100 * found.total:+.3g} % on the mean over the plate"
+    )
+    where = f"its weight sits at x {found.place[0]:.2f}, y {found.place[1]:.2f} of the sides"
+    wide = [
+        axis for axis, one, n in zip("xy", found.spread, (grid.n_x, grid.n_y), strict=True) if one > max(WIDE, 0.6 / n)
+    ]
+    if wide:
+        where += f" and is spread along {' and '.join(wide)}: there it has no one place"
+    before, after = (
+        (found.gap_before, found.gap_after)
+        if found.heldout_before is None or found.heldout_after is None
+        else (found.heldout_before, found.heldout_after)
+    )
+    which = "fitted FRFs" if found.heldout_before is None else "FRFs that no fit saw"
+    said = [
+        f"What is missing acts as {WORDS[found.kind]} ({size}); {where}. It takes the gap of the {which} from "
+        f"{_percent(before)} to {_percent(after)}. This is no name."
+    ]
+    rivals = [
+        f"{WORDS[kind]} ({one:.2f})"
+        for kind, one in sorted(found.probability.items(), key=lambda item: -item[1])
+        if kind != found.kind and one > 1 - SURE
+    ]
+    if rivals:
+        own = found.probability[found.kind]
+        said.append(f"These data do not tell it ({own:.2f}) for sure from {' or '.join(rivals)}.")
+    if found.others:
+        places = " or ".join(f"x {x:.2f}, y {y:.2f}" for x, y in found.others)
+        said.append(f"By the symmetry of the plate it may as well sit at {places}.")
+    if n_frf < target.settings.holding_out.few:
+        said.append(
+            f"{n_frf} FRF{'s' if n_frf > 1 else ''} cannot tell a place from its mirror images, nor a mass from a lost "
+            "stiffness that moves the same modes: take the map as one of several. Measure more points."
+        )
+    return said

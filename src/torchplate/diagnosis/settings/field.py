@@ -1,0 +1,63 @@
+"""How a field is inferred where nothing of the catalogue accounts for what is left."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FieldInference:
+    """Of a field of stiffness, mass, loss or support.
+
+    Args:
+        n_side: nodes along the side of a square plate [-]: some forty values, as many as the modes of a usual band say;
+            on others as many in all.
+        most_numbers: real numbers that are looked at [-]: a map of forty values is not sharper with more.
+        least_lines: that are kept in any case [-]: some ten for each mode of a band with twenty.
+        relative: standard deviation of a node's value before anything is seen, of rigidity and mass over the plate's
+            [-], at the wide levels.
+        loss: likewise of its loss factor [-].
+        support: likewise of its spring, in multiples of the plate's own scale D/A [-].
+        least: of the plate's rigidity and mass is left anywhere [-]: less is a hole.
+        bumps: single values that are tried at each node, in these standard deviations [-]: halved, doubled, and more.
+        n_bump: of them, the best so many are gone on from, beside no field [-].
+        step: a value goes so many of these standard deviations in one step at most [-].
+        dampings: of a step that are tried, one after another, until one leads down [-].
+        n_wide: steps at each wide level [-].
+        level: part to which what is left has to fall at each, or the steps of a level end [-].
+        n_sharp: steps at the sharp one, at most [-].
+        n_all: of these, those that all kinds take; the better half takes the others [-].
+        patience: steps in which what the best kind leaves has to fall [-].
+        falling: to this part of it at least, or the steps end [-].
+        n_fold: parts that the FRFs are divided into for cross-validation [-].
+        spacing: length over which a smooth field goes together, in spacings of the nodes [-].
+        alone: part of such a field's variance that each node has of its own [-].
+        floor: of a sparse field the largest value times this is as good as zero [-].
+        strengths: standard deviation of a value over that which noise leaves of one value seen alone: from, to, and how
+            many a decade [log10, log10, 1].
+        helps: part of the cross-validated misfit, and of the gap of the held-out FRFs, that a field must take off [-].
+        twin: a mirror image is a twin unless it is so many times less probable [-].
+    """
+
+    n_side: int = 7
+    most_numbers: int = 6000
+    least_lines: int = 200
+    relative: float = 0.3
+    loss: float = 0.02
+    support: float = 100.0
+    least: float = 0.05
+    bumps: tuple[float, ...] = (-2.0, 3.0, 10.0)
+    n_bump: int = 2
+    step: float = 2.0
+    dampings: tuple[float, ...] = (0.0, 0.01, 0.1, 1.0, 10.0)
+    n_wide: int = 5
+    level: float = 0.98
+    n_sharp: int = 20
+    n_all: int = 4
+    patience: int = 4
+    falling: float = 0.9
+    n_fold: int = 5
+    spacing: float = 1.0
+    alone: float = 0.2
+    floor: float = 0.1
+    strengths: tuple[float, float, int] = (-1.0, 4.0, 2)
+    helps: float = 0.1
+    twin: float = 20.0

@@ -1,0 +1,170 @@
+"""A field without a name: its columns, its strength, and kind and place of what is really there."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from torchplate.diagnosis.field.field_model import FieldModel
+from torchplate.diagnosis.field.grid import Grid
+from torchplate.diagnosis.field.infer import infer_field, with_field
+from torchplate.diagnosis.field.strength import Products, cross_validated, forms, solved
+from torchplate.diagnosis.result import Diagnosis, Gap, Location
+from torchplate.diagnosis.settings import SETTINGS
+from torchplate.plate import Mesh
+
+SILENT = {"say": lambda _: None}
+
+
+class TestGrid:
+    def test_a_plate_has_as_many_nodes_as_a_square_one_and_equal_spacings(self):
+        square, strip = Grid.of(Mesh(0.4, 0.4, 4, 4), 7), Grid.of(Mesh(0.8, 0.2, 4, 4), 7)
+        assert (square.n_x, square.n_y, square.square) == (7, 7, True)
+        assert (strip.n_x, strip.n_y, strip.square) == (13, 4, False)
+        assert float(strip.area.sum()) == pytest.approx(1.0)
+
+    def test_the_centre_is_where_the_weight_sits(self):
+        grid = Grid(5, 4, False)
+        values = torch.zeros(20, dtype=torch.float64)
+        values[1 * 5 + 2], values[1 * 5 + 3] = -0.4, -0.4
+        middle, spread = grid.centre(values)
+        assert middle.tolist() == pytest.approx([0.625, 1 / 3])
+        assert spread.tolist() == pytest.approx([0.125, 0.0], abs=1e-12)
+
+    def test_a_square_has_seven_images_and_a_rectangle_three(self):
+        values = torch.arange(12.0, dtype=torch.float64)
+        images = Grid(4, 3, False).images(values)
+        assert len(images) == 3
+        assert images[0][:4].tolist() == [3.0, 2.0, 1.0, 0.0]
+        assert images[1][:4].tolist() == [8.0, 9.0, 10.0, 11.0]
+        square = Grid(3, 3, True).images(values[:9])
+        assert len({tuple(one.tolist()) for one in square}) == 7
+
+
+def products(jacobian: torch.Tensor, residual: torch.Tensor, n_fold: int = 5) -> Products:
+    rows = [torch.arange(len(residual)) % n_fold == fold for fold in range(n_fold)]
+    parts = [(jacobian[row], residual[row]) for row in rows]
+    n = jacobian.shape[1]
+    nothing = torch.zeros(n, n, dtype=torch.float64), torch.zeros(n, dtype=torch.float64)
+    return Products(
+        torch.stack([j.mT @ j for j, _ in parts]), torch.stack([j.mT @ r for j, r in parts]),
+        torch.stack([r.square().sum() for _, r in parts]), nothing, len(residual), n,
+    )  # fmt: skip
+
+
+class TestStrength:
+    def _data(self, values: torch.Tensor, n: int = 90) -> Products:
+        generator = torch.Generator().manual_seed(5)
+        jacobian = torch.randn(n, len(values), generator=generator, dtype=torch.float64)
+        noise = torch.randn(n, generator=generator, dtype=torch.float64)
+        return products(jacobian, -jacobian @ values + noise)
+
+    def test_what_is_predicted_is_better_than_nothing_where_there_is_something(self):
+        values = torch.zeros(30, dtype=torch.float64)
+        values[13] = 3.0
+        grid = Grid(6, 5, False)
+        chosen = cross_validated(self._data(values), forms(grid, None, SETTINGS.inferring), SETTINGS.inferring)
+        assert chosen.error < 0.5 * chosen.without
+        again = cross_validated(self._data(values), forms(grid, values, SETTINGS.inferring), SETTINGS.inferring)
+        # Weights that know where the one value is leave nothing but noise.
+        assert again.form == "sparse"
+        assert again.error < 0.8 * chosen.error
+
+    def test_noise_is_not_predicted_by_a_field(self):
+        grid = Grid(6, 5, False)
+        nothing = torch.zeros(30, dtype=torch.float64)
+        chosen = cross_validated(self._data(nothing), forms(grid, None, SETTINGS.inferring), SETTINGS.inferring)
+        assert chosen.error > (1 - SETTINGS.inferring.helps) * chosen.without
+
+    def test_values_that_must_not_be_negative_are_not(self):
+        generator = torch.Generator().manual_seed(2)
+        jacobian = torch.randn(40, 6, generator=generator, dtype=torch.float64)
+        true = torch.tensor([2.0, -1.0, 0.5, -3.0, 0.0, 1.0], dtype=torch.float64)
+        x, _ = solved(jacobian.mT @ jacobian, -jacobian.mT @ jacobian @ true, 5)
+        assert bool((x[1:] > -1e-6).all())
+        # The first may be anything.
+        other, _ = solved(jacobian.mT @ jacobian, jacobian.mT @ jacobian @ true, 5)
+        assert float(other[0]) < -1
+
+
+@pytest.fixture(scope="module")
+def scene(lab):
+    """A plate with a mass in it that the fit knows nothing of."""
+    return lab.Scene(hidden={"mass": 0.25})
+
+
+@pytest.mark.parametrize("kind", ["stiffness", "mass", "loss", "support"])
+def test_the_columns_are_the_derivatives_of_the_frfs(lab, kind):
+    with torch.no_grad():
+        scene = lab.Scene()
+        grid = Grid(3, 4, False)
+        model = FieldModel(scene.builder, scene.fit, kind, grid)
+        values = 0.1 * model.unit * torch.linspace(0.5, 1.5, 12, dtype=torch.float64)
+        model.rebased(scene.fit.theta, values)
+        lines = lab.SMALL_LINES
+        every = model.joined(scene.fit.theta, values)
+        columns = model.columns(model.reduced, every, lines)
+        for k in (0, 5, 10):
+            step = torch.zeros_like(values)
+            step[k] = 1e-4 * model.unit
+            high, low = (
+                model.reduced.frf(model.joined(scene.fit.theta, values + sign * step), lines) for sign in (1, -1)
+            )
+            slope = (high - low) / (2 * step[k])
+            # Losses couple the modes, which the columns do not know.
+            assert float((columns[k] - slope).norm() / slope.norm()) < 2e-2
+
+
+@pytest.fixture(scope="module")
+def inferred(scene):
+    return infer_field(scene.builder, scene.fit, {}, **SILENT)
+
+
+def test_a_mass_is_found_as_a_mass_at_its_place(lab, scene, inferred):
+    assert inferred is not None
+    found = inferred.found
+    assert found.kind == "mass"
+    # The scene has four elements a side, all of one value each.
+    assert max(abs(a - b) for a, b in zip(found.place, lab.spot, strict=True)) < 0.15
+    assert found.unit == "kg"
+    assert found.total == pytest.approx(0.25, rel=0.3)
+    assert found.gap_after < 0.5 * found.gap_before
+
+
+def test_the_model_with_the_field_is_what_was_told_of_it(scene, inferred):
+    model = inferred.model
+    assert not model.names
+    target = scene.builder.target
+    with torch.no_grad():
+        read = model.frf(model.known[:0], target.frequency)
+    # The basis of the inference against all dofs of the model.
+    assert float(target.gap(read)) == pytest.approx(inferred.found.gap_after, rel=0.05, abs=2e-3)
+    field = next(effect for effect in model.effects.values() if effect.name == "field")
+    assert field.values == pytest.approx(inferred.found.values, rel=1e-4, abs=1e-9)
+
+
+def test_where_noise_alone_is_left_there_is_no_field(lab):
+    scene = lab.Scene(hidden={"gain": 1.0 + 1e-12})
+    assert infer_field(scene.builder, scene.fit, {}, **SILENT) is None
+
+
+def test_a_field_is_no_name_and_changes_no_verdict(lab, scene, inferred, monkeypatch):
+    given = Diagnosis(
+        "unexplained", (), Gap(0.4, 0.4, None, None, 0.01), Location((), (), {}, None), (), (), ("left",), (), (), {},
+        scene.builder.given, None,
+    )  # fmt: skip
+    monkeypatch.setattr("torchplate.diagnosis.field.infer.infer_field", lambda *_: inferred)
+    found = with_field(given, scene.builder, scene.fit, {}, **SILENT)
+    assert (found.verdict, found.effects, found.gap, found.missing) == ("unexplained", (), given.gap, ("left",))
+    told = found.to_dict()["field"]
+    assert told["kind"] == "mass"
+    assert set(told["place"]) == {"x", "y"}
+    assert sum(told["probability"].values()) == pytest.approx(1.0, abs=1e-3)
+    assert "This is no name." in told["sentences"][0]
+    monkeypatch.setattr("torchplate.diagnosis.field.infer.infer_field", lambda *_: None)
+    without = with_field(given, scene.builder, scene.fit, {}, **SILENT)
+    assert without.field is None
+    assert replace(without, missing=("left",)).to_dict() | {"seconds": 0} == given.to_dict() | {"seconds": 0} | {
+        "n_evaluation": scene.builder.n_evaluation
+    }
+    assert "No field" in without.missing[1]
