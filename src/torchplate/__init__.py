@@ -31,8 +31,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from torchplate.cli.build import load_model
     from torchplate.diagnosis import Diagnosis, diagnose
+    from torchplate.diagnosis.change import PlateTest, what_changed
     from torchplate.effects import CATALOGUE
-    from torchplate.identification import Result, identify
+    from torchplate.identification import PlateState, Result, States, identify
     from torchplate.measurement import (
         Measurement,
         ModalModel,
@@ -69,8 +70,11 @@ __all__ = [
     "ModalModel",
     "Outcome",
     "PlateModel",
+    "PlateState",
+    "PlateTest",
     "Result",
     "Sade",
+    "States",
     "Status",
     "__version__",
     "diagnose",
@@ -81,6 +85,7 @@ __all__ = [
     "read_measurement",
     "read_modal_model",
     "reduce",
+    "what_changed",
     "write_modal_model",
     "write_uff",
 ]
@@ -88,8 +93,9 @@ __all__ = [
 _HOME = {
     "cli.build": ("load_model",),
     "diagnosis": ("Diagnosis", "diagnose"),
+    "diagnosis.change": ("PlateTest", "what_changed"),
     "effects": ("CATALOGUE",),
-    "identification": ("Result", "identify"),
+    "identification": ("PlateState", "Result", "States", "identify"),
     "measurement": (
         "Measurement",
         "ModalModel",

@@ -5,6 +5,7 @@ scores it. `--stratum workshop` and `--stratum tables` draw 200 others: FRFs of 
 and natural frequencies alone.
 
 Map:
+    states: the suite of pairs of tests between which something changed, or nothing
     strata: clean, workshop, tables, shapes: how each is drawn
     splines: B-splines on 0 to 1 and their one-dimensional integrals
     ritz: the truth: Kirchhoff plates by an isogeometric Ritz method, their modes

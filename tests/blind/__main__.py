@@ -11,6 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 def main() -> None:
     """Draw, run, score."""
+    from blind import states
     from blind.score import report
     from blind.strata import STRATA, TRUTHS
     from blind.suite import chosen, print_draws, run_suite
@@ -38,7 +39,7 @@ def main() -> None:
         run_suite(given.seed_set, indices, out, given.workers, stratum=given.stratum, by=given.truth)
     if not (out / "results.jsonl").is_file():
         sys.exit(f"{out}: Expected a results.jsonl, found none. Run the cases first.")
-    report(out)
+    (states.report if given.stratum == "states" else report)(out)
 
 
 if __name__ == "__main__":

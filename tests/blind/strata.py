@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from blind import cases, real, shapes, tables, workshop
+from blind import cases, real, shapes, states, tables, workshop
 from blind.cases import Case, Slot
 
 
@@ -27,6 +27,7 @@ STRATA = {
     "tables": Stratum(tables.suite, tables.draw),
     "real": Stratum(real.suite, real.draw),
     "shapes": Stratum(shapes.suite, shapes.draw),
+    "states": Stratum(states.suite, states.draw),
 }
 # Those without nuisances.
 PERFECT = ("clean", "real")

@@ -19,6 +19,7 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
+from blind import states
 from blind.score import Score, read
 from blind.strata import PERFECT, STRATA
 
@@ -31,7 +32,8 @@ def catalogue_diagnosis(config: Path, out: Path) -> None:
     from torchplate.cli.diagnose import diagnose
 
     with (config.parent / "log.txt").open("w") as log, redirect_stdout(log):
-        diagnose(config, out, report=False)
+        reference = config.parent / "reference.yaml"
+        diagnose(config, out, report=False, since=reference if reference.exists() else None)
 
 
 def run_case(
@@ -144,6 +146,8 @@ def run_suite(
 
 def _line(record: dict[str, Any]) -> str:
     """One case in one line."""
+    if record["stratum"] == "states":
+        return states.line(record)
     found = Score([record]).verdicts[0]
     truth = record["truth"]
     hidden = "+".join(one["effect"] for one in truth["hidden"]) or "nothing"

@@ -5,7 +5,7 @@
 - `build`: from a config to model, evidence and optimiser; `memory`: whether its mesh fits the machine.
 - `new`, `draft`, `new_text`: from a measurement file to a commented config, what is guessed for it, and its words.
 - `frf`: from time records of hits to FRFs; `modes`: from FRFs to a modal model.
-- `run`, `compare`, `simulate`, `inspect`, `diagnose`: the verbs.
+- `run`, `compare`, `simulate`, `inspect`, `diagnose`: the verbs; `run_states`, `diagnose_change`: of several tests.
 - `finished`: finished runs below a folder, and which plate each is of; `gathered`: their searches put together.
 - `plan`, `plan_text`: the verb that says what to measure next, and its words.
 - `ranks`: the processes of torchrun that share the search of a run.

@@ -20,6 +20,7 @@ from torchplate.cli.config import (
     unknown_key,
 )
 from torchplate.cli.memory import complaint
+from torchplate.cli.schema import StateConfig, validated, validated_states
 from torchplate.discrepancy import OBJECTIVES, Evidence, ModalEvidence, Objective
 from torchplate.effects import Effect, Parameter, find_effect, options
 from torchplate.measurement import (
@@ -39,6 +40,7 @@ from torchplate.measurement import (
     with_nodes,
 )
 from torchplate.model import PlateModel, Point, Searched, extrapolate, impossible, unusual
+from torchplate.nearest import did_you_mean
 from torchplate.plate import Mesh
 from torchplate.search import OPTIMIZERS, LeastSquares, Optimizer, unknown_name
 
@@ -62,6 +64,18 @@ class Run:
     raw: dict[str, Any]
     config: Config
     dropped: tuple[str, ...] = ()
+
+    @functools.cached_property
+    def states(self) -> "tuple[State, ...]":
+        """Each state of a plate, where `measurement` is a list; empty where it is one."""
+        if not isinstance(self.raw.get("measurement"), list):
+            return ()
+        pairs = validated_states(self.raw)
+        return tuple(
+            State(one.name, _own_of(self, one, run), run)
+            for one, alone in pairs
+            for run in (Run(self.path, alone, validated(alone), self.dropped),)
+        )
 
     def model(self, refine: int = 1) -> PlateModel:
         """The model it describes, with the measurement's responses, references and kind where there is one.
@@ -150,6 +164,10 @@ class Run:
             if nodes := fixed.get("nodes") or fixed.get("at"):
                 self.told(f"{key}.{'nodes' if 'nodes' in fixed else 'at'}", lambda nodes=nodes: mesh.places(nodes))  # type: ignore[misc]
         return mesh, effects, known, searched
+
+    def searched_names(self) -> list[str]:
+        """Searched parameters, "label.parameter"."""
+        return list(self._parts(1)[3])
 
     def check_memory(self, refine: int = 1, finer: int = 1) -> None:
         """Whether the mesh fits the machine; see `memory.complaint`.
@@ -362,6 +380,38 @@ class Run:
         except (ValueError, KeyError, TypeError, FileNotFoundError) as error:
             text = str(error.args[0]) if error.args else str(error)
             raise self.error(key, text) from error
+
+
+@dataclasses.dataclass(frozen=True)
+class State:
+    """One state of a plate.
+
+    Attributes:
+        name: of it.
+        own: its parameters that are not common to all.
+        run: the config of this state alone.
+    """
+
+    name: str
+    own: tuple[str, ...]
+    run: Run
+
+
+def _own_of(whole: Run, state: StateConfig, run: Run) -> tuple[str, ...]:
+    """Parameters of a state that are not common: those it names, and those of its own effects.
+
+    Raises:
+        InputError: if it names one that is not searched.
+    """
+    searched = run.searched_names()
+    for name in state.own:
+        if name not in searched:
+            raise whole.error(
+                f"measurement.{state.name}.own",
+                f"Expected parameters that are searched, got '{name}'.{did_you_mean(name, searched)} There are: "
+                f"{', '.join(searched) or 'none'}. Give it an interval, or correct its name.",
+            )
+    return tuple(name for name in searched if name in state.own or name.rpartition(".")[0] in state.effects)
 
 
 def _moved(channel: Channel, frame: Frame) -> Channel:

@@ -24,6 +24,7 @@ from torchplate.cli.schema import (
     typed,
     unknown_key,
     validated,
+    validated_states,
 )
 from torchplate.nearest import nearest
 
@@ -143,12 +144,14 @@ def _given_twice(node: yaml.Node | None, where: str = "") -> tuple[str, int, int
 
 
 def checked(path: Path, raw: dict[str, Any]) -> Config:
-    """The config that a file says, each key and kind of value checked.
+    """The config that a file says, each key and kind of value checked; of several states that of the first.
 
     Raises:
         InputError: if a key is unknown or has the wrong kind of value.
     """
     try:
+        if isinstance(raw.get("measurement"), list):
+            return next(iter([validated(alone) for _, alone in validated_states(raw)]))
         return validated(raw)
     except ConfigError as error:
         raise InputError(f"{path}: {error}") from None
@@ -178,6 +181,11 @@ def _override(raw: dict[str, Any], text: str) -> None:
     *parents, last = key.split(".")
     target = raw
     for parent in parents:
+        if isinstance(target, dict) and parent == "measurement" and isinstance(target.get(parent), list):
+            raise InputError(
+                f"--set {text}: Expected one measurement, got a list of states. Change the file, or give a state's key "
+                "there."
+            )
         target = target.setdefault(parent, {})
         if not isinstance(target, dict):
             raise InputError(f"--set {text}: Expected {parent} to hold keys, got {target!r}. Shorten the key.")

@@ -13,6 +13,7 @@ from rich.table import Table
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.config import Known, dump, quantity
 from torchplate.cli.descents import DescentFile, depends_on
+from torchplate.cli.diagnose_change import diagnose_change
 from torchplate.cli.folder import DESCENTS, HYPOTHESES, check_free, diagnosis_folder, open_folder, relocated
 from torchplate.cli.occupied import occupied
 from torchplate.cli.run import device_named
@@ -33,6 +34,14 @@ VERDICTS = {
 }
 
 
+CHANGES = {
+    "consistent": "Nothing changed that shows above noise, imperfections and the drift from test to test.",
+    "explained": "What is named below explains the difference between the tests.",
+    "partly_explained": "What is named below explains a part of the difference; something else changed.",
+    "unexplained": "Something changed, and nothing that was tried accounts for it.",
+}
+
+
 def diagnose(
     config: Path | str,
     out: Path | None = None,
@@ -42,8 +51,9 @@ def diagnose(
     console: Console | None = None,
     force: bool = False,
     resume: bool = False,
+    since: Path | str | None = None,
 ) -> Diagnosis:
-    """Diagnose a config's model, and write diagnosis.json, model.yaml and the report.
+    """Diagnose a config's model, or what changed since a reference; write diagnosis.json, model.yaml and the report.
 
     Args:
         config: the YAML file; its intervals are fitted, its numbers are taken as known, those with a std as known so
@@ -55,6 +65,7 @@ def diagnose(
         console: where progress goes.
         force: write over what an earlier diagnosis has left in `out`.
         resume: go on from the last descent that was kept in `out`, or in the config's latest folder under runs/.
+        since: the config of a reference test; where the config holds several states, its first one is.
 
     Raises:
         InputError: if the config, the measurement, the device or the folder cannot be used, or there is nothing to
@@ -62,6 +73,17 @@ def diagnose(
     """
     console = console or Console()
     recipe = load_run(config, overrides)
+    if since is not None or recipe.states:
+        if resume:
+            raise recipe.error(
+                "--resume", "Expected a diagnosis of one test, got one of what has changed. Leave --resume out."
+            )
+
+        def written(run: Run, found: Diagnosis, where: Path) -> None:
+            write(run, found, where, report, f"{config}{f' --since {since}' if since is not None else ''}")
+            _say(console, found, where, CHANGES)
+
+        return diagnose_change(config, since, out, overrides, device_named(device), console, force, tolerances, written)
     folder = diagnosis_folder(recipe, out, resume)
     check_free(folder, "diagnose", force=force, resume=resume)
     recipe.check_memory(finer=2)  # that the mesh error is taken off by
@@ -166,7 +188,9 @@ def _updated(recipe: Run, found: Diagnosis, folder: Path) -> dict[str, Any]:
         own = {name: getattr(effect, name) for name in options(type(effect)) if getattr(effect, name)}
         effects.setdefault(label, {"effect": effect.name, **_plain(own)})
     for named in found.effects:
-        effects.setdefault(named.label, {"effect": named.name, **_plain(named.options)})
+        # What went away since a reference has no numbers in the model.
+        if named.label in by_label or not named.parameters:
+            effects.setdefault(named.label, {"effect": named.name, **_plain(named.options)})
     for label, values in by_label.items():
         effects[label] |= values
     raw["effects"] = effects
@@ -194,8 +218,8 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _say(console: Console, found: Diagnosis, folder: Path) -> None:
-    console.print(f"  [bold]{found.verdict}[/]: {VERDICTS[found.verdict]}")
+def _say(console: Console, found: Diagnosis, folder: Path, words: Mapping[str, str] = VERDICTS) -> None:
+    console.print(f"  [bold]{found.verdict}[/]: {words[found.verdict]}")
     for effect in found.effects:
         console.print(f"  {effect.evidence} Confidence {effect.confidence:.2f}.", highlight=False, markup=False)
     gap = found.gap

@@ -202,6 +202,13 @@ def _identity(recipe: Run) -> tuple[Any, ...]:
 def relocated(recipe: Run, folder: Path) -> dict[str, Any]:
     """The config as it was run, overrides included; the measurement's paths as seen from the run's folder."""
     raw = dict(recipe.raw)
+    if recipe.states:
+        items = zip(raw["measurement"], recipe.states, strict=True)
+        raw["measurement"] = [
+            dict(item) | {key: value for key, value in relocated(one.run, folder)["measurement"].items() if key in item}
+            for item, one in items
+        ]
+        return raw
     for key in ("file", "nodes"):
         given = getattr(recipe.config.measurement, key)
         if given is not None:

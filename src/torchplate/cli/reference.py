@@ -14,7 +14,7 @@ from rich.padding import Padding
 
 from torchplate.cli.build import SEARCHES
 from torchplate.cli.config import InputError
-from torchplate.cli.schema import Config, Known, Unknown, model_in
+from torchplate.cli.schema import Config, Known, StateConfig, Unknown, model_in
 from torchplate.discrepancy import OBJECTIVES
 from torchplate.measurement import ANALYSERS, Analyser, Hammer
 from torchplate.nearest import did_you_mean
@@ -65,6 +65,11 @@ def sections() -> dict[str, Section]:
         for inner, deeper in part.model_fields.items():
             if (model := model_in(deeper.annotation)) not in (None, Known):
                 found[f"{name}.{inner}"] = _section(model)
+        if name == "measurement":
+            own = _section(StateConfig)
+            found["measurement.state"] = own._replace(
+                keys=tuple(one for one in own.keys if one.name not in part.model_fields)
+            )
         if name == "objective":
             told = {kind: _sentence(measure.gap.__doc__) for kind, measure in OBJECTIVES.items()}
             found[name] = found[name]._replace(choices=told)

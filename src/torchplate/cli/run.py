@@ -24,6 +24,7 @@ from torchplate.cli.log import RunLog
 from torchplate.cli.memory import without_basis
 from torchplate.cli.occupied import occupied
 from torchplate.cli.ranks import Ranks, Shared
+from torchplate.cli.run_states import run_states
 from torchplate.cli.writing import write_files, write_text
 from torchplate.discrepancy import Objective
 from torchplate.identification import Identified, Job, Result, Settings, evaluated, identified
@@ -80,6 +81,8 @@ def run(
     recipe = load_run(path, overrides)
     optimizer = recipe.optimizer()  # so that a wrong setting is said before anything is written
     folder = run_folder(recipe, out, resume)
+    if recipe.states:
+        return _run_states(recipe, folder, optimizer, device, resume, console, ranks, force)
     check_free(folder, "run", force=force, resume=resume)
     model = recipe.model().to(device_named(device if ranks is None else ranks.device))
     measured = recipe.config.measurement
@@ -108,6 +111,41 @@ def run(
         here = Place(folder, command, console, ranks, problem_named(recipe.path.stem, overrides))
         found = _identified(recipe, objective, optimizer, checkpoint, here)
         return replace(found, remarks=remarks)
+
+
+def _run_states(
+    recipe: Run,
+    folder: Path,
+    optimizer: Optimizer[Any] | LeastSquares,
+    device: str,
+    resume: bool,
+    console: Console,
+    ranks: Ranks | None,
+    force: bool,
+) -> Found:
+    """The same of several states."""
+    if resume or ranks is not None:
+        raise recipe.error(
+            "measurement",
+            f"Expected one measurement with {'--resume' if resume else 'torchrun'}, got several states. Leave it out.",
+        )
+    log: RunLog | None = None
+
+    def search(job: Job) -> Outcome:
+        nonlocal log
+        log = RunLog(folder, job.objective.model.names)
+        return _search(recipe, Shared(job, folder, ""), log, console, None, figures=False)
+
+    try:
+        found, remarks = run_states(
+            recipe, folder, device_named(device), optimizer, settings_of(recipe), console, search, force
+        )
+    finally:
+        if log is not None:
+            log.close()
+    result = json.loads((folder / "result.json").read_text())
+    _say(console, folder, result, found.result.caveats)
+    return Found(folder, result, found.result.caveats, remarks)
 
 
 class Place(NamedTuple):
@@ -188,7 +226,9 @@ def _command(path: Path | str, folder: Path, overrides: Sequence[str], device: s
     return shlex.join([*words, "--resume"])
 
 
-def _search(recipe: Run, shared: Shared, log: RunLog, console: Console, ranks: Ranks | None) -> Outcome:
+def _search(
+    recipe: Run, shared: Shared, log: RunLog, console: Console, ranks: Ranks | None, figures: bool = True
+) -> Outcome:
     """The search, with its progress on the screen and in the log."""
     settings, job = recipe.config.search, shared.job
     searched, checkpoint = job.objective, job.checkpoint
@@ -204,7 +244,7 @@ def _search(recipe: Run, shared: Shared, log: RunLog, console: Console, ranks: R
         TimeRemainingColumn(),
     )
     n_figure, n_panel = recipe.config.log.n_figure, recipe.config.log.n_panel
-    drawn_at = {settings.n_generation * turn // n_figure for turn in range(1, n_figure)}
+    drawn_at = {settings.n_generation * turn // n_figure for turn in range(1, n_figure)} if figures else set()
     bar = Progress(*columns, console=console, disable=not console.is_terminal)
     with bar, Heartbeat(console, settings.n_generation) as line:
         task = bar.add_task(settings.optimizer, total=settings.n_generation, best=float("inf"), rate=0.0)

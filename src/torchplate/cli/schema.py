@@ -212,6 +212,28 @@ class MeasurementConfig(_Strict):
         return {mode: entry if isinstance(entry, Mapping) else {"value": entry} for mode, entry in value.items()}
 
 
+class StateConfig(MeasurementConfig):
+    """One of several states of a plate: `measurement` is then a list. It has the keys of a single one, and these."""
+
+    name: str = key(
+        "of the state; its own parameters are label.parameter@name", example="after", pattern=r"^[A-Za-z0-9_-]+$"
+    )
+    own: list[str] = key(
+        "searched parameters label.parameter that have a value of their own in this state; all others are common",
+        example=["wires.stiffness"],
+        default=[],
+    )
+    effects: dict[str, dict[str, Any]] = key(
+        "label: effects of this state alone, beside the common ones or in their place; their parameters are its own",
+        example={"magnet": {"effect": "point_mass", "x": 0.3, "y": 0.7, "mass": 0.024}},
+        default={},
+    )
+
+
+# What a state has beside the keys of a single measurement.
+STATE_KEYS: Final = ("name", "own", "effects")
+
+
 class ObjectiveConfig(_Strict):
     """How the gap between model and measurement is measured."""
 
@@ -303,6 +325,14 @@ class Config(_Strict):
     )
     log: LogConfig = key("how much is drawn", example={"n_panel": 12}, default=LogConfig())
 
+    @field_validator("measurement", mode="before")
+    @classmethod
+    def _first_state(cls, value: Any) -> Any:
+        """Of several states the first; `validated_states` looks at all of them."""
+        if not isinstance(value, list) or not value or not isinstance(value[0], Mapping):
+            return value
+        return {name: inner for name, inner in value[0].items() if name not in STATE_KEYS}
+
 
 def quantity(value: Any) -> Known | Unknown:
     """A number, a number with its tolerance, or an interval.
@@ -389,6 +419,35 @@ def validated(raw: Mapping[str, Any]) -> Config:
         raise ConfigError(*first_complaint(error)) from None
 
 
+def validated_states(raw: Mapping[str, Any]) -> list[tuple[StateConfig, dict[str, Any]]]:
+    """The states that a list under `measurement` says, each with the config of a single test that it stands for.
+
+    Raises:
+        ConfigError: if a state, or the config with it, cannot be used.
+    """
+    items = raw["measurement"]
+    if len(items) < 2:
+        raise ConfigError(
+            "measurement", f"Expected two states or more in a list, got {len(items)}. Add one, or leave the list out."
+        )
+    found: list[tuple[StateConfig, dict[str, Any]]] = []
+    for place, item in enumerate(items, 1):
+        where = f"measurement.{item.get('name', place)}" if isinstance(item, Mapping) else f"measurement.{place}"
+        if not isinstance(item, Mapping):
+            raise ConfigError(where, f"Expected the keys of a state, such as name and file, got {item!r}. Correct it.")
+        try:
+            state = StateConfig.model_validate(item)
+        except ValidationError as error:
+            key, sentence = first_complaint(error)
+            raise ConfigError(f"{where}.{key}", sentence) from None
+        if state.name in [other.name for other, _ in found]:
+            raise ConfigError(where, f"Expected each state's name once, got '{state.name}' twice. Rename one of them.")
+        effects = {**dict(raw.get("effects") or {}), **state.effects}
+        alone = {key: value for key, value in item.items() if key not in STATE_KEYS}
+        found.append((state, {**raw, "effects": effects, "measurement": alone}))
+    return found
+
+
 def first_complaint(error: ValidationError) -> tuple[str, str]:
     """Key and sentence of the first complaint."""
     first = error.errors()[0]
@@ -410,9 +469,9 @@ def first_complaint(error: ValidationError) -> tuple[str, str]:
 
 def _keys_at(root: str, where: Sequence[str]) -> tuple[str, list[str]]:
     """The section of the reference, and the keys, that a place of a config (or of the part with that name) has."""
-    parts: dict[str, type[BaseModel]] = {"Known": Known, "Unknown": Unknown}
+    parts: dict[str, type[BaseModel]] = {"Known": Known, "Unknown": Unknown, "StateConfig": StateConfig}
     part: type[BaseModel] | None = parts.get(root, Config)
-    section = "numbers" if part is not Config else ""
+    section = "" if part is Config else "measurement" if part is StateConfig else "numbers"
     for name in where:
         # What is no key is an entry of a mapping or a list, or one of several types that a value may have.
         if part is None or name not in part.model_fields:

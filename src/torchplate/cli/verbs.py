@@ -76,6 +76,9 @@ def _diagnose_arguments(parser: ArgumentParser) -> None:
         "--resume", action="store_true", help="go on with one that was stopped, in --out or in the latest folder"
     )
     parser.add_argument("--force", action="store_true", help="write over what an earlier diagnosis has left in --out")
+    parser.add_argument(
+        "--since", type=Path, metavar="REFERENCE", help="the config of an earlier test of the plate: say what changed"
+    )
 
 
 def _diagnose(parsed: Parsed) -> None:
@@ -86,7 +89,15 @@ def _diagnose(parsed: Parsed) -> None:
     if parsed.resume and parsed.out is not None and has_ended(parsed.out):
         print(f"{parsed.out} holds a diagnosis that has ended. Leave --resume out to repeat it.")
         return
-    diagnose(parsed.config, parsed.out, parsed.set, parsed.device, force=parsed.force, resume=parsed.resume)
+    diagnose(
+        parsed.config,
+        parsed.out,
+        parsed.set,
+        parsed.device,
+        force=parsed.force,
+        resume=parsed.resume,
+        since=parsed.since,
+    )
 
 
 def _plan_arguments(parser: ArgumentParser) -> None:
@@ -324,6 +335,7 @@ VERBS: Final = {
             "torchplate diagnose plate.yaml --out runs/plate",
             "torchplate diagnose plate.yaml --set measurement.position_std=0.002",
             "torchplate diagnose plate.yaml --out runs/plate --resume    # goes on where it was stopped",
+            "torchplate diagnose after.yaml --since before.yaml --out runs/changed",
         ),
         _diagnose_arguments,
         _diagnose,

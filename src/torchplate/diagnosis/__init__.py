@@ -3,6 +3,7 @@
 - `flow`: the steps; `settings`: what is taken for granted, with its reasons.
 - `candidates`: what may be missing; `selection`: which of it is added.
 - `table`: the same for a table of natural frequencies, where every hypothesis can be weighed.
+- `change`: what has changed between two tests of one plate.
 - `holdout`: the FRFs that no fit sees; `tolerance`: numbers that are known as well as a ruler knows them.
 - `target`: what the models are held against, and residuals from wide to sharp; `smoothing`: of the wide ones.
 - `model_builder`: one mesh for all models, its error taken off, and bases that are right where they are used.
@@ -19,6 +20,7 @@
 
 from torchplate.diagnosis.assurance import csac_by_line, csf_by_line, fdac, fdac_frequency, frac_by_channel
 from torchplate.diagnosis.candidates.catalogue import channels_of
+from torchplate.diagnosis.change import PlateTest, what_changed
 from torchplate.diagnosis.flow import diagnose, line_step
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import (
@@ -52,6 +54,7 @@ __all__ = [
     "ModelBuilder",
     "Named",
     "Overlay",
+    "PlateTest",
     "Rival",
     "Scored",
     "Step",
@@ -63,4 +66,5 @@ __all__ = [
     "fdac_frequency",
     "frac_by_channel",
     "line_step",
+    "what_changed",
 ]

@@ -17,6 +17,7 @@
 """
 
 from torchplate.discrepancy.assurance import comac, csac, csf, frac, mac
+from torchplate.discrepancy.covariance import Rows
 from torchplate.discrepancy.judged import Judged, Knowledge
 from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.measure import OBJECTIVES, Measured
@@ -43,6 +44,7 @@ __all__ = [
     "ModePair",
     "Objective",
     "OfChannels",
+    "Rows",
     "Sensitivity",
     "Specimens",
     "Wandering",

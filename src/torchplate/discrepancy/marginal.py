@@ -104,6 +104,22 @@ class Marginal:
             return self
         return Marginal(*self._given, self.freedom, self.knowledge, scale, self.about)
 
+    def beside(self, columns: Complex[Tensor, "n_frequency n_response n_reference k"], name: str) -> "Marginal":
+        """The same with further nuisances that all FRFs share, whose size is known exactly.
+
+        Args:
+            columns: changes of the FRFs by one standard deviation each.
+            name: of their group.
+        """
+        variance, found, fitted = self._given
+        if found is None:
+            return self
+        common = torch.cat([found.common, columns.to(found.common)], dim=-1)
+        group = ((*found.group[0], *(name,) * columns.shape[-1]), *found.group[1:])
+        found = found._replace(common=common, group=group)
+        freedom = {**self.freedom, name: math.inf}
+        return Marginal(variance, found, fitted, freedom, self.knowledge, self.scale, self.about)
+
     def _weighed(self, columns: Complex[Tensor, "n_frequency n_response n_reference k"] | None) -> Tensor:
         if columns is None:
             return self.weight.new_zeros(*self.weight.shape, 2, 0)

@@ -1,6 +1,7 @@
 """From a model and a measurement to the values of its searched parameters, their standard errors and what to know.
 
 - `identify`: choose a basis, search, finish, confirm, say what was found.
+- `states`: one plate in several states, as one objective; `identify_states`: the search of it.
 - `job`: the search as one piece of work, the same on every process that shares it; its budget.
 - `polish`: the finish of a search by least squares.
 - `basis_check`: the basis that is searched in, chosen before the search and confirmed at its best member.
@@ -10,19 +11,25 @@
 
 from torchplate.identification.fit_quality import fit_in_words
 from torchplate.identification.identify import Identified, evaluated, identified, identify, nominal
+from torchplate.identification.identify_states import StatesFound, identify_states
 from torchplate.identification.job import Job, Settings
 from torchplate.identification.result import CORRELATED, Result, Value
+from torchplate.identification.states import PlateState, States
 
 __all__ = [
     "CORRELATED",
     "Identified",
     "Job",
+    "PlateState",
     "Result",
     "Settings",
+    "States",
+    "StatesFound",
     "Value",
     "evaluated",
     "fit_in_words",
     "identified",
     "identify",
+    "identify_states",
     "nominal",
 ]

@@ -4,6 +4,7 @@ from torch import Tensor
 
 from torchplate.discrepancy import Objective, Sensitivity
 from torchplate.measurement import assumed
+from torchplate.model import PlateModel
 
 # A standard error above this part of the interval says that the data hardly narrow it.
 WIDE = 0.5
@@ -47,7 +48,12 @@ def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]
         sentences.append(said)
     if (modal := objective.evidence.modal_model) is not None and modal.assumed:
         sentences.append(modal.assumed)
-    if modal is not None and (unlike := [pair for pair in modal.pairs(objective.model, theta) if pair.mac < UNLIKE]):
+    of_one_model = modal is not None and isinstance(objective.model, PlateModel)
+    if (
+        modal is not None
+        and of_one_model
+        and (unlike := [pair for pair in modal.pairs(objective.model, theta) if pair.mac < UNLIKE])
+    ):
         told = ", ".join(f"{pair.measured:.5g} Hz (MAC {pair.mac:.2f} with mode {pair.mode})" for pair in unlike)
         sentences.append(
             f"The model has no shape like those measured at {told}: look at the places of the points, and at what is "

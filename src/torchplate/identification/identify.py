@@ -15,6 +15,7 @@ from torchplate.identification.caveats import caveats
 from torchplate.identification.job import Job, Settings
 from torchplate.identification.polish import polished
 from torchplate.identification.result import MODAL_MODEL, NATURAL_FREQUENCIES, Result, finite, values
+from torchplate.identification.states import States
 from torchplate.measurement import Measurement, ModalModel, NaturalFrequencies, place
 from torchplate.model import DENSE, PlateModel, SparseModel, basis_error
 from torchplate.search import Checkpoint, DifferentialEvolution, LeastSquares, Optimizer, Outcome, Progress
@@ -38,7 +39,7 @@ class Identified(NamedTuple):
 
 
 def identify(
-    model: PlateModel,
+    model: PlateModel | States,
     measurement: Measurement | None = None,
     search: Optimizer[Any] | LeastSquares | None = None,
     seed: int = 0,
@@ -65,7 +66,7 @@ def identify(
     """Search the intervals of a model, as `torchplate run` does; without one, evaluate it.
 
     Args:
-        model: whose searched parameters are found.
+        model: whose searched parameters are found; or one plate in several states, which bring their measurements.
         measurement: FRFs, already cut to their band. Its channels are matched to the plate by their coordinates, else
             by node number; where they have neither, the model's responses and references stand for them.
         search: the optimiser; Differential Evolution with its defaults if left out.
@@ -95,6 +96,16 @@ def identify(
         ValueError: if the measurement, or a setting, cannot be used.
         KeyError: if no objective has that name.
     """
+    settings = Settings(
+        n_generation, n_evaluation, tolerance, stagnation, target, seed, n_repeat, polish, basis, precision
+    )
+    if isinstance(model, States):
+        from torchplate.identification.identify_states import identify_states
+
+        if measurement is not None or natural_frequencies is not None or modal_model is not None:
+            raise ValueError("Expected no measurement beside several states, which have theirs, got one. Leave it out.")
+        optimizer = search or DifferentialEvolution()
+        return identify_states(model, optimizer, settings, lambda job: job.search(on_generation), say).result
     table = natural_frequencies
     if isinstance(table, Mapping):
         table = NaturalFrequencies.from_mapping(dict(table))
@@ -107,9 +118,6 @@ def identify(
     if measurement is not None:
         model = with_channels(model, measurement)
         model.check_channels()
-    settings = Settings(
-        n_generation, n_evaluation, tolerance, stagnation, target, seed, n_repeat, polish, basis, precision
-    )
     return identified(
         Objective(model, evidence, objective, natural_frequency_weight),
         search or DifferentialEvolution(),
@@ -174,7 +182,7 @@ def _result(
         evaluated(objective.model, best, search, settings),
         parameters=values(searched, best, seen),
         objective=float(found[0]),
-        objective_kind=_kind(objective),
+        objective_kind=kind_of(objective),
         gap=float(searched.gap(best)),
         caveats=[] if seen is None else caveats(searched, best, seen),
         gain=float(searched.gain(best)) if objective.evidence.gain_is_unknown else None,
@@ -204,7 +212,8 @@ def _result(
     )
 
 
-def _kind(objective: Objective) -> str:
+def kind_of(objective: Objective) -> str:
+    """The name of what is minimised."""
     if objective.evidence.measurement is not None:
         return objective.kind
     return NATURAL_FREQUENCIES if objective.evidence.modal_model is None else MODAL_MODEL

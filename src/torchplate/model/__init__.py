@@ -31,7 +31,7 @@ from torchplate.model.frf import DERIVATIVE, as_kind, laplace_lines, modal_denom
 from torchplate.model.gradient import modal_impedance
 from torchplate.model.impedance import own_damping
 from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, modal_sum
-from torchplate.model.modes import Modes, natural_frequencies, solve_modes, whiten
+from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes, whiten
 from torchplate.model.modes_at import ModesAt, modes_at
 from torchplate.model.parameter_space import ParameterSpace
 from torchplate.model.plate_model import SINGLE_TOLERANCE, PlateModel
@@ -73,6 +73,7 @@ __all__ = [
     "ritz_basis",
     "sensor_chain",
     "sizes",
+    "solve_eigenvalues",
     "solve_modes",
     "unusual",
     "whiten",

@@ -92,6 +92,8 @@ def screen(
 
     def makes_room(change: Tensor) -> Tensor:
         """Where the fitted parameters go, to first order, when a candidate takes its change from the residuals."""
+        if not bool(loose.any()):
+            return theta
         step = torch.zeros_like(position)
         step[loose] = torch.linalg.lstsq(upper, (known.mT @ (residual - change))[:, None]).solution[:, 0] / norm
         return base.space.to_si((position - step).clamp(0.0, 1.0)) if near is not None else theta

@@ -1,0 +1,232 @@
+"""All that may have changed beside one model: tried, the most promising refitted, and compared."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchplate.diagnosis.candidates.candidate import Candidate
+from torchplate.diagnosis.candidates.catalogue import candidates, channels_of
+from torchplate.diagnosis.candidates.channels import rearrangements
+from torchplate.diagnosis.change.after import After, Hypothesis
+from torchplate.diagnosis.change.changes import Change, allowed, grid, n_names, parameters_that_moved
+from torchplate.diagnosis.change.posterior import Choice, Weighed, chance, choose
+from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.problem import Problem
+from torchplate.diagnosis.selection.criterion import evidence, is_noise, weight_of
+from torchplate.diagnosis.selection.screen import screen
+from torchplate.discrepancy import Marginal
+from torchplate.model import PlateModel, on_mesh
+
+# A choice, the fits that it was made from, and the fit that it was added to.
+Chosen = tuple[Choice, Mapping[tuple[str, str], Fit], Fit]
+
+
+@dataclass(frozen=True)
+class Promise:
+    """A change that was tried.
+
+    Attributes:
+        change: it.
+        drop: part of the sum of squares that it would take [-].
+        starts: values of what is searched then, the best first.
+    """
+
+    change: Change
+    drop: float
+    starts: tuple[Mapping[str, float], ...]
+
+
+@dataclass(frozen=True)
+class State:
+    """What has been found to have changed so far.
+
+    Attributes:
+        changes: named.
+        fit: with them.
+        choices: how each was chosen, and the fits that it was chosen from.
+        promises: of each step.
+    """
+
+    changes: tuple[Change, ...]
+    fit: Fit
+    choices: tuple[Chosen, ...] = ()
+    promises: tuple[tuple[Promise, ...], ...] = ()
+
+
+class Comparing:
+    """Looks for what has changed.
+
+    Args:
+        after: the test after.
+        given: its model as the config has it.
+        numbers: parameters that the config gives as numbers with a standard deviation.
+        say: is told what is being tried.
+    """
+
+    def __init__(self, after: After, given: PlateModel, numbers: Sequence[str], say: Callable[[str], object]) -> None:
+        self.after, self.given, self.numbers, self.say = after, given, numbers, say
+        self.settings = after.reference.settings
+
+    def none(self) -> State:
+        """Nothing changed, but for what has a value of its own in each test."""
+        own = {name: value for name, value in self.after.reference.values.items() if name in self.after.own}
+        starts: Sequence[Mapping[str, float]] = [own]
+        if self.after.own:
+            starts, _ = self.after.down([], starts)
+        found = self.after.fit([], starts)
+        self.say(f"nothing changed: misfit {found.reduced_misfit:.4g}")
+        return State((), found)
+
+    def further(self, state: State) -> State | None:
+        """One change more, if one is more probable than none."""
+        promises = self._tried(state)
+        best = promises[0].drop if promises else 0.0
+        screening = self.after.builder.target.settings.screening
+        chosen = [one for one in _best_options(promises) if one.drop >= screening.faint * best]
+        # Where nothing but noise is left, and the best promises no more than chance does, the best two are a check.
+        by_chance = chance(Weighed(None, 0.0, 0.0, 1), len(promises), self.settings)
+        idle = is_noise(state.fit) and best * state.fit.square <= by_chance
+        chosen = chosen[: 2 if idle else self.settings.n_refit]
+        wide = float(self.after.builder.target.gap(state.fit.prediction)) >= screening.overlapping
+        fits: dict[tuple[str, str], Fit] = {}
+        tried: dict[tuple[str, str], Change] = {}
+        ways = [(promise, promise.starts) for promise in chosen]
+        if wide:
+            ends = [(promise, *self.after.down([*state.changes, promise.change], promise.starts)) for promise in chosen]
+            least = min(left for _, _, left in ends) if ends else 0.0
+            ways = [(promise, starts) for promise, starts, left in ends if left <= screening.near * least]
+        for promise, starts in ways:
+            found = self.after.fit([*state.changes, promise.change], starts)
+            self.say(f"  {promise.change.name}: misfit {found.reduced_misfit:.4g}")
+            fits[promise.change.key], tried[promise.change.key] = found, promise.change
+        if not fits:
+            return None
+        weight = weight_of([state.fit, *fits.values()])
+        weighed = [
+            Weighed(
+                change,
+                evidence(fits[key], weight),
+                fits[key].cost,
+                len(fits[key].theta) - len(state.fit.theta),
+                _n_place(change, self.after.builder.target.n_mode),
+            )
+            for key, change in tried.items()
+        ]
+        none = Weighed(None, evidence(state.fit, weight), state.fit.cost)
+        changes = [promise.change for promise in promises]
+        choice = choose(none, weighed, n_names(changes), len(changes), state.fit.comparison, self.settings)
+        step = (choice, fits, state.fit)
+        assert choice.best.change is not None
+        if not choice.needed:
+            return State(state.changes, state.fit, state.choices, (*state.promises, tuple(promises)))
+        return State(
+            (*state.changes, choice.best.change),
+            fits[choice.best.change.key],
+            (*state.choices, step),
+            (*state.promises, tuple(promises)),
+        )
+
+    def _tried(self, state: State) -> list[Promise]:
+        """Every change, at values spread over where it may be, the most promising first."""
+        after, target = self.after, self.after.builder.target
+        values = dict(zip(state.fit.model.names, state.fit.theta.tolist(), strict=True))
+        one = after.hypothesis(state.changes, [values], by_element=True)
+        theta = state.fit.theta
+        gap = float(target.gap(state.fit.prediction))
+        overlapping = gap < target.settings.screening.overlapping
+        near = after.marginal(one, theta) if overlapping else None
+        effects, n_option = self._effects(state, values)
+        numbers = self._parameters(state, values)
+        self.say(f"{len(effects)} effects that may have come, {len(numbers)} parameters that may have moved")
+        found = []
+        for scored in screen(after.builder, one.reduced, theta, effects, {}, near):
+            change = Change(
+                scored.candidate.name, scored.label, scored.candidate, n_option=n_option[scored.candidate.name]
+            )
+            members = scored.model.space.to_si(scored.starts)[: self.settings.n_start].tolist()
+            starts = tuple(dict(zip(scored.model.names, row, strict=True)) for row in members)
+            found.append(Promise(change, scored.drop, starts))
+        found += [self._moved(one, change, values, near) for change in numbers]
+        return sorted(found, key=lambda one: -one.drop)
+
+    def _effects(self, state: State, values: Mapping[str, float]) -> tuple[list[Candidate], dict[str, int]]:
+        after, target = self.after, self.after.builder.target
+        model = after.model
+        everything = dict(after.reference.values) | dict(values)
+        middle = {name: 0.5 * (one.low + one.high) for name, one in model.searched.items()}
+        theta = torch.tensor([everything.get(name, middle[name]) for name in model.names]).to(state.fit.theta)
+        channels = channels_of(model)
+        weight = torch.where(target.measurement.measured, 1 / target.variance, 0.0)
+        turned = rearrangements(channels, target.measured, state.fit.expected, weight)
+        every = candidates(model, theta, channels, turned, self.numbers)
+        kept = allowed(every, self.given)
+        n_option = {one.name: sum(other.name == one.name for other in kept) for one in kept}
+        n_option |= {"channel_swap": turned.n_swap, "channel_polarity": turned.n_polarity}
+        return kept, n_option
+
+    def _parameters(self, state: State, values: Mapping[str, float]) -> list[Change]:
+        taken = {change.name for change in state.changes}
+        everything = dict(self.after.reference.values) | dict(values)
+        found = parameters_that_moved(self.after.model, self.after.own, everything, self.numbers)
+        return [one for one in found if one.name not in taken]
+
+    def _moved(self, one: Hypothesis, change: Change, values: Mapping[str, float], near: Marginal | None) -> Promise:
+        """One parameter at values from end to end of its interval."""
+        target = self.after.builder.target
+        model = on_mesh(change.applied(one.frozen), one.reduced.assembly)
+        model = model.with_damping_factors(one.reduced.damping_factor)
+        level = target.settings.wide.screened if near is None else target.levels - 1
+        problem = Problem(self.after.builder, model, {}, near)
+        before = {**values, change.name: float(change.before or 0.0)}
+        members = [before, *({**values, **point} for point in grid(change, self.settings.n_grid))]
+        theta = torch.tensor([[member[name] for name in model.names] for member in members]).to(one.frozen.known)
+        square = _squares(problem, model.space.to_cube(theta), level)
+        order = square.argsort().tolist()
+        drop = 1 - float(square.min() / square[0].clamp(min=1e-300))
+        starts = [members[k] for k in order[: self.settings.n_start]]
+        if near is not None and order[0] == 0:
+            # Between the values: a step is tried as a tangent.
+            drop, starts = self._tangent(problem, model, before, change, level)
+        return Promise(change, drop, tuple(starts))
+
+    def _tangent(
+        self, problem: Problem, model: PlateModel, before: Mapping[str, float], change: Change, level: int
+    ) -> tuple[float, list[Mapping[str, float]]]:
+        """What a small step of a parameter takes, and how far it would go."""
+        theta = torch.tensor([[before[name] for name in model.names]]).to(model.known)
+        place = model.space.to_cube(theta)[0]
+        index = model.names.index(change.name)
+        step = 1e-4 if float(place[index]) < 0.5 else -1e-4
+        there = place.clone()
+        there[index] += step
+        residual = problem.residual(torch.stack([place, there]), level)
+        slope = (residual[1] - residual[0]) / step
+        size = float(slope.square().sum())
+        go = -float(slope @ residual[0]) / max(size, 1e-300)
+        place[index] = (place[index] + go).clamp(0.0, 1.0)
+        went = dict(zip(model.names, model.space.to_si(place).tolist(), strict=True))
+        drop = go * go * size / max(float(residual[0].square().sum()), 1e-300)
+        return drop, [went, dict(before)]
+
+
+def _best_options(promises: Sequence[Promise]) -> list[Promise]:
+    """Of each name the two options that promise most."""
+    count: Counter[str] = Counter()
+    found = []
+    for one in promises:
+        count[one.change.name] += 1
+        if count[one.change.name] <= 2:
+            found.append(one)
+    return found
+
+
+def _squares(problem: Problem, places: Tensor, level: int) -> Tensor:
+    return problem.residual(places, level).square().sum(-1)
+
+
+def _n_place(change: Change, n_mode: int) -> int:
+    """Places that a test can tell apart: about two for each mode in the band."""
+    return max(1, 2 * n_mode) if change.candidate is not None and change.candidate.has_place else 1

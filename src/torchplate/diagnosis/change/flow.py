@@ -1,0 +1,146 @@
+"""From two tests of one plate to what has changed between them."""
+
+import time
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+
+import torch
+
+from torchplate.diagnosis.change.after import After, against_the_next
+from torchplate.diagnosis.change.comparison import Comparing
+from torchplate.diagnosis.change.reference import fit_reference
+from torchplate.diagnosis.change.settings import SETTINGS, ChangeSettings
+from torchplate.diagnosis.change.summary import summarise
+from torchplate.diagnosis.change.table import tables_changed
+from torchplate.diagnosis.flow import line_step
+from torchplate.diagnosis.holdout import held_out
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.problem import Prior
+from torchplate.diagnosis.result import Diagnosis
+from torchplate.diagnosis.selection.criterion import is_explained
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.diagnosis.tolerance import with_tolerances
+from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies, Noise, noise_level
+from torchplate.model import PlateModel, Searched
+
+
+@dataclass(frozen=True, eq=False)
+class PlateTest:
+    """One test of a plate.
+
+    Attributes:
+        model: as it is believed for this test; its responses and references are the test's.
+        measurement: FRFs.
+        natural_frequencies: a table instead.
+        tolerance: how well numbers are known: "label.parameter", "mesh.length_x" → standard deviation in SI units.
+        n_average: records behind each FRF, where known.
+        gain_is_unknown: the level of the FRFs carries no unit.
+        imperfections: what the test is not perfect in.
+        name: of the state.
+    """
+
+    __test__ = False
+
+    model: PlateModel
+    measurement: Measurement | None = None
+    natural_frequencies: NaturalFrequencies | None = None
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    n_average: int | None = None
+    gain_is_unknown: bool = False
+    imperfections: Imperfections = field(default_factory=Imperfections)
+    name: str = ""
+
+
+@torch.no_grad()
+def what_changed(
+    reference: PlateTest,
+    after: PlateTest,
+    *,
+    own: Collection[str] = (),
+    seed: int = 0,
+    say: Callable[[str], object] = lambda _: None,
+    settings: ChangeSettings = SETTINGS,
+    as_given: bool = False,
+) -> Diagnosis:
+    """Find what has changed between two tests of one plate.
+
+    Parameters that both models search are common to both tests, and so is what the model leaves of each mode.
+
+    Args:
+        reference: the test before.
+        after: the test after.
+        own: common parameters that have a value of their own in each test: they change without being named.
+        seed: of the choice of held-out FRFs.
+        say: is told what is being tried.
+        settings: what is taken for granted.
+        as_given: on the mesh as it is, with its error, which is the same in both tests.
+
+    Raises:
+        ValueError: if the tests are not both of FRFs, or both of natural frequencies, or their meshes differ.
+    """
+    kinds = {one.measurement is None for one in (reference, after)}
+    if len(kinds) > 1:
+        raise ValueError(
+            "Expected FRFs in both tests, or natural frequencies in both, got one of each. Give the same kind."
+        )
+    if after.measurement is None:
+        return tables_changed(reference, after, own=own, say=say, settings=settings)
+    began = time.monotonic()
+    say(f"reference {reference.name}".rstrip())
+    before, prior, _ = _begun(reference, seed, as_given)
+    common = before.given.searched
+    told = fit_reference(before, prior, settings)
+    say(f"reference: misfit {told.fit.reduced_misfit:.3g}, beside modes of their own noise × {told.noise_scale:.3g}")
+    builder, numbers, noise = _begun(after, seed, as_given, common)
+    meshes = [(*one.mesh.cells, one.mesh.length_x, one.mesh.length_y) for one in (before, builder)]
+    if meshes[0] != meshes[1]:
+        raise ValueError(
+            f"Expected one mesh in both tests, got {_told(meshes[0])} and {_told(meshes[1])}. Give both configs the "
+            "same `mesh`."
+        )
+    builder = against_the_next(builder, told.noise_scale)
+    start = {name: 0.5 * (one.low + one.high) for name, one in builder.given.searched.items()}
+    start |= {name: value for name, value in told.values.items() if name in start}
+    theta = torch.tensor([start[name] for name in builder.given.names]).to(builder.given.known)
+    model = builder.corrected(builder.given, theta).model
+    alone = [name for name in model.names if name in own or name not in told.names]
+    comparing = Comparing(After(builder, model, told.drifted(), tuple(alone)), after.model, list(numbers), say)
+    none = state = comparing.none()
+    while len(state.changes) < settings.most:
+        further = comparing.further(state)
+        if further is None or len(further.changes) == len(state.changes):
+            state = state if further is None else further
+            break
+        state = further
+        if is_explained(state.fit, builder.target):
+            break
+    return summarise(comparing, none, state, (reference, after), noise, time.monotonic() - began)
+
+
+def _told(mesh: tuple[int, int, float, float]) -> str:
+    n_x, n_y, length_x, length_y = mesh
+    return f"{n_x} × {n_y} elements on {length_x:g} × {length_y:g} m"
+
+
+def _begun(
+    test: PlateTest, seed: int, as_given: bool, common: Mapping[str, Searched] | None = None
+) -> tuple[ModelBuilder, Prior, Noise]:
+    """A builder against a test, what is known of its parameters, and its noise; common intervals are another test's."""
+    measurement = test.measurement
+    assert measurement is not None
+    noise = noise_level(measurement, test.n_average)
+    if (step := line_step(measurement)) > 1:
+        measurement, noise = measurement.every(step), noise.every(step)
+    target = FrfTarget(
+        measurement, noise, held_out(measurement.measured, seed), test.gain_is_unknown, test.imperfections
+    )
+    given, prior = with_tolerances(test.model, dict(test.tolerance))
+    shared = {name: one for name, one in (common or {}).items() if name in given.names}
+    if shared:
+        given = given.replaced(searched=given.searched | shared)
+    builder = ModelBuilder(given, target, as_given)
+    middle = builder.given.space.to_si(given.known.new_full((len(given.names),), 0.5))
+    if not as_given:
+        return builder.expecting(builder.corrected(builder.given, middle)), prior, noise
+    n_mode = int((builder.given.natural_frequencies(middle, builder.given.assembly.size) <= builder.top).sum())
+    return builder.against(target.with_mesh_error(torch.zeros_like(target.frequency), 0.0, n_mode)), prior, noise

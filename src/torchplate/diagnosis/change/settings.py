@@ -1,0 +1,49 @@
+"""What is taken for granted where two tests of one plate are compared."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ChangeSettings:
+    """How free a model is beside its reference, how far a plate may drift, and what is tried.
+
+    Args:
+        mode_stiffness: standard deviation of ln f of each mode about the model, the same in all tests [-]: what real
+            supports, sensors and materials leave of a plate model, 10 % of stiffness or mass.
+        mode_damping: of each mode's ln damping about its law, likewise [-]: no law hits every mode within a half.
+        shape: relative error of what a change does to a mode, over how far the model misses the modes [-]. A stiffness
+            that is off by 2b of a mode's mixes it with a neighbour Δλ away by 2b λ/Δλ, and what a change does there
+            goes with the square of the deflection: 4b λ/Δλ, and neighbours are about one eigenvalue away.
+        drift_all: of ln f of all modes alike from test to test [-]: two kelvin in a metal, d ln f / dT = -2.4e-4.
+        drift_mode: of each mode's own ln f from test to test [-]: cables, and a plate hung up again.
+        drift_damping: of each mode's ln damping from test to test [-], likewise.
+        most: changes that are named, at most [-].
+        most_of_table: the same from natural frequencies alone, of which each change takes one or more [-].
+        n_refit: changes that are refitted, those that promise most [-].
+        n_start: starts of each [-].
+        n_grid: values of a parameter's interval that are tried [-].
+        n_library: places and sizes of an effect that are tried on a table [-].
+        n_turn: times that the reference's uncertainty is taken anew about where a fit has come to [-].
+        rest: a move on the unit cube below which it has come to rest [-].
+        level: with this probability the best of all that is tried takes no more than is asked where nothing changed
+            [-].
+    """
+
+    mode_stiffness: float = 0.05
+    mode_damping: float = 0.5
+    shape: float = 5.0
+    drift_all: float = 5e-4
+    drift_mode: float = 2e-4
+    drift_damping: float = 0.05
+    most: int = 2
+    most_of_table: int = 3
+    n_refit: int = 8
+    n_start: int = 3
+    n_grid: int = 9
+    n_library: int = 64
+    n_turn: int = 3
+    rest: float = 1e-4
+    level: float = 0.99
+
+
+SETTINGS = ChangeSettings()

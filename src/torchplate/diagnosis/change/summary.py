@@ -1,0 +1,217 @@
+"""From what was compared to what is said: what has changed, by how much, and what else it may have been."""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from torchplate.diagnosis.change.changes import Change
+from torchplate.diagnosis.change.comparison import Chosen, Comparing, Promise, State
+from torchplate.diagnosis.change.posterior import Choice
+from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.localisation.localise import localise
+from torchplate.diagnosis.naming import estimates
+from torchplate.diagnosis.next_measurement import next_measurements
+from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Named, Overlay, Scored, Step, Verdict
+from torchplate.diagnosis.selection.criterion import is_explained
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.discrepancy import percent
+from torchplate.measurement import Noise
+
+if TYPE_CHECKING:
+    from torchplate.diagnosis.change.flow import PlateTest
+
+
+def summarise(
+    comparing: Comparing,
+    none: State,
+    last: State,
+    tests: "tuple[PlateTest, PlateTest]",
+    noise: Noise,
+    seconds: float,
+) -> Diagnosis:
+    """Everything that is reported.
+
+    Args:
+        comparing: what was compared, and beside what.
+        none: nothing changed.
+        last: what has changed.
+        tests: the reference, and the test after.
+        noise: of the test after.
+        seconds: that it took.
+    """
+    builder = comparing.after.builder
+    target = builder.target
+    found = estimates(last.fit)
+    told = {change.label for change in last.changes}
+    effects = tuple(
+        _named(change, step[0], _gaps(target, step, change), found)
+        for change, step in zip(last.changes, last.choices, strict=True)
+    )
+    explained = is_explained(last.fit, target)
+    verdict = verdict_of(bool(effects), explained)
+    numbers = comparing.after.reference.values
+    parameters = {
+        name: Estimate(value, None, _unit(last.fit, name))
+        for name, value in last.fit.model.as_dict(last.fit.theta).items()
+        if name in comparing.after.reference.names or name.rpartition(".")[0] in told
+    } | found
+    sets = [(one.name, *one.equivalent) for one in effects]
+    gap = Gap(
+        float(target.gap(none.fit.prediction)),
+        float(target.gap(last.fit.prediction)),
+        _heldout(target, none.fit),
+        _heldout(target, last.fit),
+        noise.floor,
+        target.expected_gap(last.fit.marginal),
+    )
+    steps = [Step("nothing changed", gap.baseline, gap.heldout_baseline, none.fit.reduced_misfit)]
+    for change, (_, fits, _before) in zip(last.changes, last.choices, strict=True):
+        fit = fits[change.key]
+        steps.append(Step(f"+ {change.name}", float(target.gap(fit.prediction)), None, fit.reduced_misfit))
+    return Diagnosis(
+        verdict=verdict,
+        effects=effects,
+        gap=gap,
+        location=localise(
+            target.measurement,
+            target.variance.sqrt(),
+            none.fit.prediction,
+            none.fit.reduced,
+            none.fit.theta,
+            target.heldout,
+            after=last.fit.prediction,
+        ),
+        scores=tuple(_table(promises, effects) for promises in last.promises),
+        steps=tuple(steps),
+        missing=missing(verdict, gap, bool(effects)),
+        remarks=(
+            in_words(effects, tests, {change.label: change for change in last.changes}, numbers),
+            *_of_reference(comparing),
+        ),
+        next_measurements=tuple(next_measurements(sets, verdict in ("unexplained", "partly_explained"), False, False)),
+        parameters=parameters,
+        model=builder.finished(last.fit.model, last.fit.theta),
+        overlay=Overlay(target.measurement, noise.std, none.fit.prediction, last.fit.prediction, target.heldout),
+        n_evaluation=builder.n_evaluation,
+        seconds=seconds,
+    )
+
+
+def verdict_of(named: bool, explained: bool) -> Verdict:
+    """The one word."""
+    if not named:
+        return "consistent" if explained else "unexplained"
+    return "explained" if explained else "partly_explained"
+
+
+def in_words(
+    effects: Sequence[Named],
+    tests: "tuple[PlateTest, PlateTest]",
+    changes: Mapping[str, Change],
+    before: Mapping[str, float],
+    went: Collection[str] = (),
+) -> str:
+    """What has changed, in one sentence; `went` are labels of what is no more."""
+    since = f" since {tests[0].name}" if tests[0].name else " since the reference"
+    if not effects:
+        return f"No change{since} is more probable than none."
+    parts = [_in_words(one, changes[one.label], before, one.label in went) for one in effects]
+    return f"What changed{since}: {'; '.join(parts)}."
+
+
+def _in_words(one: Named, change: Change, before: Mapping[str, float], went: bool) -> str:
+    values = ", ".join(f"{name} {_with_interval(value)}" for name, value in one.parameters.items())
+    if change.candidate is None:
+        (value,) = one.parameters.values()
+        unit = "" if value.unit == "-" else f" {value.unit}"
+        return f"{one.name} went from {before.get(one.name, change.before or 0.0):.4g}{unit} to {_with_interval(value)}"
+    options = "".join(f", {name} {value}" for name, value in one.options.items())
+    came = "went away" if went else "came in"
+    return f"{one.name} {came}{f' ({values}{options})' if values or options else ''}"
+
+
+def _with_interval(value: Estimate) -> str:
+    unit = "" if value.unit == "-" else f" {value.unit}"
+    if value.low is None or value.high is None:
+        return f"{value.value:.4g}{unit}"
+    return f"{value.value:.4g}{unit} ({value.low:.4g} to {value.high:.4g})"
+
+
+def _named(change: Change, choice: Choice, gaps: tuple[float, float], found: Mapping[str, Estimate]) -> Named:
+    """A change as it is reported."""
+    prefix = f"{change.label}." if change.candidate is not None else change.name
+    keys = [name for name in found if name.startswith(prefix)]
+    parameters = {name.rpartition(".")[2]: found[name] for name in keys}
+    values = ", ".join(f"{name} {_with_interval(value)}" for name, value in parameters.items()) or "no number"
+    rival = choice.next_best
+    against = (
+        ""
+        if rival is None or rival.change is None
+        else (f"; the next best, {rival.change.name}, is {rival.evidence - choice.best.evidence:.3g} worse in −2 ln Z")
+    )
+    alike = f"; these tests cannot tell it from {' or '.join(choice.equivalent)}" if choice.equivalent else ""
+    text = (
+        f"{change.name} ({values}) takes the gap of the test after from {percent(gaps[0])} to {percent(gaps[1])}"
+        f"{against}{alike}; by chance the best of all takes {choice.by_chance:.3g} from −2 ln L once in a hundred "
+        f"times where nothing changed."
+    )
+    options = {} if change.candidate is None else change.candidate.options
+    return Named(
+        change.name, change.label, options, choice.equivalent, round(choice.confidence, 3), parameters, text, *gaps
+    )
+
+
+def _gaps(target: FrfTarget, step: Chosen, change: Change) -> tuple[float, float]:
+    """Before a change was added, and after."""
+    _, fits, before = step
+    return float(target.gap(before.prediction)), float(target.gap(fits[change.key].prediction))
+
+
+def _heldout(target: FrfTarget, fit: Fit) -> float | None:
+    """The gap of the FRFs that no fit saw; None where there are none."""
+    found = float(target.gap(fit.prediction, True))
+    return None if math.isnan(found) else found
+
+
+def _unit(fit: Fit, name: str) -> str:
+    label, _, key = name.rpartition(".")
+    return fit.model.effects[label].parameters[key].unit
+
+
+def _table(promises: Sequence[Promise], effects: Sequence[Named]) -> tuple[Scored, ...]:
+    """The score table of one step: of each name what promises most."""
+    named = {one.name for one in effects}
+    equivalent = {other for one in effects for other in one.equivalent}
+    rows: dict[str, Scored] = {}
+    for one in promises:
+        change = one.change
+        if change.name in rows:
+            continue
+        remark = "named" if change.name in named else "equivalent" if change.name in equivalent else "rejected"
+        prefix = f"{change.label}."
+        start = one.starts[0] if one.starts else {}
+        values = {key.removeprefix(prefix): value for key, value in start.items() if key.startswith(prefix)}
+        options = {} if change.candidate is None else change.candidate.options
+        rows[change.name] = Scored(change.name, options, one.drop, values, (), None, remark)
+    return tuple(rows.values())
+
+
+def missing(verdict: Verdict, gap: Gap, named: bool) -> tuple[str, ...]:
+    """What is left without a name."""
+    if verdict in ("consistent", "explained"):
+        return ()
+    what = (
+        "beside what is named something else changed" if named else "something changed that nothing tried accounts for"
+    )
+    return (f"The test after is left with a gap of {percent(gap.final)}: {what}, or it did so in a way of its own.",)
+
+
+def _of_reference(comparing: Comparing) -> tuple[str, ...]:
+    """What the reference leaves, which is no change."""
+    reference = comparing.after.reference
+    if reference.noise_scale <= 1.2:
+        return ()
+    return (
+        f"The reference test itself is left with {reference.noise_scale:.3g} times its noise: so much is taken for no "
+        "change in the test after.",
+    )

@@ -1,0 +1,48 @@
+"""The stratum of states: what it holds, what a pair shares, and what counts as right."""
+
+from collections import Counter
+
+import pytest
+import torch
+
+from blind.states import CHANGES, draw, judged, suite
+
+
+def test_forty_pairs_ten_of_them_unchanged():
+    count = Counter(slot.names[0] if slot.names else "nothing" for slot in suite())
+    assert count == {"nothing": 10, **CHANGES}
+    assert sum(count.values()) == 40
+
+
+def test_an_unchanged_pair_differs_by_its_test_alone():
+    pair = draw("test", next(index for index, slot in enumerate(suite()) if not slot.names))
+    assert not pair.truth
+    assert pair.reference["effects"] == pair.config["effects"]
+    assert pair.reference["mesh"] == pair.config["mesh"]
+    one, other = pair.before.frf, pair.measurement.frf
+    off = float((one - other).norm() / one.norm())
+    # Hits are off their marks by millimetres, and there is noise; the plate is the same.
+    assert 1e-3 < off < 0.5
+    assert torch.equal(pair.before.frequency, pair.measurement.frequency)
+
+
+def record(hidden, *answers):
+    effects = [{"name": name, "equivalent": list(others)} for name, *others in answers]
+    return {"truth": {"hidden": [{"effect": hidden}] if hidden else []}, "diagnosis": {"effects": effects}}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "answers", "right"),
+    [
+        (None, [], (True, True)),
+        (None, [("point_mass",)], (False, False)),
+        ("point_mass", [], (False, False)),
+        ("point_mass", [("point_mass", "absorber")], (True, True)),
+        ("point_mass", [("stiffness_loss",)], (True, False)),
+        ("point_mass", [("point_mass", "thickness")], (True, False)),
+        ("wires.stiffness", [("support_asymmetry", "wires.stiffness")], (True, True)),
+        ("wires.stiffness", [("wires.stiffness",), ("point_mass",)], (True, False)),
+    ],
+)
+def test_what_is_right(hidden, answers, right):
+    assert judged(record(hidden, *answers)) == right

@@ -1,0 +1,165 @@
+"""What changed between two tests of one plate, beside a model that is several per cent off in both."""
+
+import math
+
+import pytest
+import torch
+
+from torchplate.diagnosis.change import PlateTest, what_changed
+from torchplate.effects import CATALOGUE
+from torchplate.measurement import Channel, Imperfections, Measurement, NaturalFrequencies
+from torchplate.model import PlateModel, Searched
+from torchplate.plate import Mesh
+
+NOBODY = torch.zeros(0, dtype=torch.float64)
+# A clamped strip with three known masses, whose tables have five bending modes.
+PLACES = (0.25, 0.48, 0.8)
+STRIP = {"plate.poisson_ratio": 0.3, "plate.density": 7850.0, "plate.thickness": 0.005}
+STEEL = {"plate.youngs_modulus": Searched(1.0e11, 4.0e11)}
+
+
+def strip(values: dict[str, float] | None = None, edge: float = 0.0) -> PlateModel:
+    effects = {"plate": CATALOGUE["plate"]()}
+    known = dict(STRIP)
+    for number, x in enumerate(PLACES, 1):
+        effects[f"m{number}"] = CATALOGUE["point_mass"]()
+        known |= {f"m{number}.x": x, f"m{number}.y": 0.5, f"m{number}.mass": 0.006}
+    if edge:
+        # What no model of these tests knows, in both of them.
+        effects["soft"] = CATALOGUE["ground_spring"]()
+        known |= {"soft.x": 0.6, "soft.y": 0.5, "soft.stiffness": edge}
+    mesh = Mesh(0.38, 0.01, 10, 1, 1, {"x0": "clamped"})
+    return PlateModel(mesh, effects, known | (values or {}), None if values else STEEL)
+
+
+def table(**changed: float) -> NaturalFrequencies:
+    values = {"plate.youngs_modulus": 1.9e11} | {f"{name}.mass": mass for name, mass in changed.items()}
+    frequency = strip(values, edge=2.0e3).natural_frequencies(NOBODY, 5).tolist()
+    # To a part of the spacing of lines, as peaks are read.
+    read = {mode: hertz * (1 + 2e-4 * math.sin(7 * mode)) for mode, hertz in enumerate(frequency, 1)}
+    return NaturalFrequencies.from_mapping(read, {mode: 4e-4 * hertz for mode, hertz in read.items()})
+
+
+def of_tables(**changed: float):
+    before, after = (PlateTest(strip(), natural_frequencies=one) for one in (table(), table(**changed)))
+    return what_changed(before, after)
+
+
+def test_a_mass_that_was_lightened_is_named_from_natural_frequencies_alone():
+    """Though a spring that nobody knows of moves the lowest mode by several per cent, in both tests."""
+    found = of_tables(m2=0.002)
+    (named,) = found.effects
+    assert found.verdict == "explained"
+    assert "m2.mass" in {named.name, *named.equivalent}
+    if named.name == "m2.mass":
+        mass = named.parameters["mass"]
+        assert mass.low < 0.002 < mass.high
+        assert mass.high < 0.0035
+    assert named.gap_after < named.gap_before
+    assert named.name in found.remarks[0]
+
+
+def test_tables_that_are_alike_name_nothing():
+    found = of_tables()
+    assert found.verdict == "consistent"
+    assert not found.effects
+    assert found.remarks[0].startswith("No change")
+
+
+def test_one_kind_of_test_is_not_held_against_another():
+    before = PlateTest(strip(), natural_frequencies=table())
+    with pytest.raises(ValueError, match="in both tests"):
+        what_changed(before, PlateTest(strip(), measurement=measured(plate(TRUE), 1)))
+
+
+# A free plate on soft wires, with a soft patch in both tests that no model knows, and a damping of each mode's own.
+LINES = torch.arange(20.0, 260.0, 1.2, dtype=torch.float64)
+RESPONSE, REFERENCE = (3, 17), (7, 9, 26, 31)
+TRUE = {
+    "plate.youngs_modulus": 2.05e11,
+    "wires.stiffness": 1e4,
+    "wires.viscous_damping": 1.0,
+    "loss.stiffness_loss_factor": 1e-2,
+}
+BOX = {
+    "plate.youngs_modulus": Searched(1.8e11, 2.3e11),
+    "wires.stiffness": Searched(3e3, 3e4, True),
+    "wires.viscous_damping": Searched(0.1, 10.0, True),
+    "loss.stiffness_loss_factor": Searched(2e-3, 5e-2, True),
+}
+PATCH = ("stiffness_loss", {"x": 0.4, "y": 0.4, "size": 0.4, "factor": 0.85})
+LUMP = ("point_mass", {"x": 0.31, "y": 0.62, "mass": 0.06})
+TOLD = Imperfections(position_std=1e-4, frequency_drift=1e-5, calibration_std=1e-3, damping_scatter=0.1)
+
+
+def plate(values: dict[str, float] | None = None, **more: tuple[str, dict[str, float]]) -> PlateModel:
+    wires = CATALOGUE["support_spring"](nodes=[2, 6, 37, 41])
+    effects = {"plate": CATALOGUE["plate"](), "wires": wires, "loss": CATALOGUE["hysteretic_damping"]()}
+    known = {"plate.poisson_ratio": 0.3, "plate.density": 7850.0, "plate.thickness": 0.003} | (values or {})
+    for label, (name, numbers) in more.items():
+        effects[label] = CATALOGUE[name]()
+        known |= {f"{label}.{key}": value for key, value in numbers.items()}
+    box = None if values else BOX
+    return PlateModel(Mesh(0.43, 0.3, 6, 5), effects, known, box, list(RESPONSE), list(REFERENCE), "accelerance")
+
+
+def measured(model: PlateModel, seed: int) -> Measurement:
+    scatter = (0.1 * torch.randn(12, generator=torch.Generator().manual_seed(9), dtype=torch.float64)).exp()
+    with torch.no_grad():
+        frf = model.with_damping_factors(scatter).frf(NOBODY, LINES)
+    level = 4e-3 * frf.abs().square().mean(0, keepdim=True).sqrt() / math.sqrt(2)
+    generator = torch.Generator().manual_seed(seed)
+    noise = torch.view_as_complex(torch.randn(*frf.shape, 2, generator=generator, dtype=torch.float64)) * level
+    response, reference = (tuple(Channel(node) for node in nodes) for nodes in (RESPONSE, REFERENCE))
+    every = torch.ones(frf.shape[1:], dtype=torch.bool)
+    return Measurement(LINES, frf + noise, every, response, reference, kind="accelerance", unit="m/(N s²)")
+
+
+def of_frfs(values: dict[str, float] | None = None, **more: tuple[str, dict[str, float]]):
+    before = PlateTest(plate(), measured(plate(TRUE, patch=PATCH), 1), imperfections=TOLD, name="before")
+    truth = plate(TRUE | (values or {}), patch=PATCH, **more)
+    # The data come from the same mesh.
+    return what_changed(before, PlateTest(plate(), measured(truth, 2), imperfections=TOLD), as_given=True)
+
+
+@pytest.mark.check
+def test_a_mass_that_came_is_named_beside_a_patch_that_was_there_before():
+    found = of_frfs(lump=LUMP)
+    (named,) = found.effects
+    assert (found.verdict, named.name) == ("explained", "point_mass")
+    for key, true in LUMP[1].items():
+        # Within a fifth of the spacing of the sensors, and a tenth of the mass.
+        assert named.parameters[key].value == pytest.approx(true, abs=0.03 if key != "mass" else 0.006)
+    assert "since before" in found.remarks[0]
+
+
+@pytest.mark.check
+def test_softer_wires_are_named():
+    found = of_frfs({"wires.stiffness": 5e3})
+    assert found.effects[0].name in ("wires.stiffness", "support_asymmetry")
+    assert "wires.stiffness" in {found.effects[0].name, *found.effects[0].equivalent}
+
+
+@pytest.mark.check
+def test_two_tests_of_an_unchanged_plate_are_consistent():
+    found = of_frfs()
+    assert found.verdict == "consistent"
+    assert not found.effects
+
+
+@torch.no_grad()
+def test_a_mode_off_by_its_own_number_moves_alone():
+    """By that part of its frequency; the basis says nothing of it."""
+    from torchplate.diagnosis.change.specimen import OwnModes, ReferenceSpecimens
+    from torchplate.discrepancy.wandering import UNIFORM
+
+    model = plate(TRUE)
+    modes = OwnModes.of(model, model, NOBODY, 8)
+    specimens = ReferenceSpecimens(model, NOBODY, UNIFORM, 0.5, modes, 0.05)
+    shift = torch.zeros(len(specimens.names), dtype=torch.float64)
+    shift[5] = 0.2
+    before, after = (one.natural_frequencies(NOBODY, 8) for one in (model, specimens.at(shift)))
+    moved = (after / before).log()
+    # √(1 + 2b) is 1 + b to the second order.
+    assert float(moved[5]) == pytest.approx(0.01, rel=0.02)
+    assert float(moved[[0, 1, 2, 3, 4, 6, 7]].abs().max()) < 1e-6
