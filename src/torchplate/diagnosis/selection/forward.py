@@ -170,8 +170,8 @@ class ForwardSelection:
             choice = self._restarted(state, choice)
             single = self._added(state, choice, ranked)
             if not state.named and (lower := self._lower(state, single, ranked)) is not None:
-                # The ranking was beside another baseline: it holds where this was the second time, and where the best alone
-                # leaves nothing but noise.
+                # The ranking was beside another baseline: it holds where this was the second time, and where the best
+                # alone leaves nothing but noise.
                 alone = [one.name for one in ranked.hypotheses if is_noise(one.fit)] == [choice.best.name]
                 holds = (lowered or alone) and is_needed(lower.fit, choice.best, ranked.by_chance)
                 self.begun, state, lowered = lower, lower, True
