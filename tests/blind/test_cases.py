@@ -22,7 +22,7 @@ def test_the_suite_holds_what_it_says():
     assert kinds == {"none": 24, "beyond": 16, "two": 24, "one": 96}
     alone = Counter(slot.names[0] for slot in suite() if slot.kind == "one")
     # A field of thickness is no candidate where the section may wander.
-    assert set(alone) | set(real.ALONE) | set(shapes.NAMES) == set(CATALOGUE) - {"plate", "thickness_field"}
+    assert set(alone) | set(real.ALONE) | set(shapes.NAMES) == set(CATALOGUE) - {"plate", "thickness_field", "field"}
     assert min(alone.values()) >= 4
     assert min(Counter(effects_of_suite()).values()) >= 5
 
@@ -30,7 +30,7 @@ def test_the_suite_holds_what_it_says():
 def test_every_effect_of_the_catalogue_is_hidden_alone_in_some_stratum():
     every = {name for one in STRATA.values() for slot in one.suite() if slot.kind == "one" for name in slot.names}
     # Nobody asks for the name of a thickness that wanders: every test has it.
-    assert set(CATALOGUE) - every <= {"plate", "thickness_field"}
+    assert set(CATALOGUE) - every <= {"plate", "thickness_field", "field"}
 
 
 def test_a_case_is_the_same_whenever_it_is_drawn():

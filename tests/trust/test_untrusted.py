@@ -34,7 +34,11 @@ MODULES = ("pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "mars
 # Processes of one run tell each other the search; rank 0 has written it, in memory.
 OWN_PROCESSES = {("cli/ranks.py", "torch.load")}
 # The benchmark starts this very Python again, with no word of a file.
-BENCHMARK = {("bench/scaling.py", "subprocess.run"), ("cli/bench.py", "subprocess.run")}
+BENCHMARK = {
+    ("bench/scaling.py", "subprocess.run"),
+    ("cli/bench.py", "subprocess.run"),
+    ("studies/chairs.py", "subprocess.run"),
+}
 
 
 def calls() -> list[tuple[str, str, ast.Call]]:

@@ -68,7 +68,7 @@ class FieldModel:
         self._stiffness, self._mass = self._changes(plan)
 
     def joined(
-        self, theta: Float[Tensor, "*batch n_own"], values: Float[Tensor, "*batch n_value"]
+        self, theta: Float[Tensor, "*#batch n_own"], values: Float[Tensor, "*#batch n_value"]
     ) -> Float[Tensor, "*batch n_parameter"]:
         """All parameters, in the model's order."""
         every = theta.new_zeros(*theta.shape[:-1], len(self.whole.names))

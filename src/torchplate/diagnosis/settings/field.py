@@ -31,7 +31,7 @@ class FieldInference:
         spacing: length over which a smooth field goes together, in spacings of the nodes [-].
         alone: part of such a field's variance that each node has of its own [-].
         floor: of a sparse field the largest value times this is as good as zero [-].
-        strengths: standard deviation of a value over that which noise leaves of one value seen alone: from, to, and how
+        strengths: standard deviation of a value over that which noise leaves of one seen alone [-]: from, to, and how
             many a decade [log10, log10, 1].
         helps: part of the cross-validated misfit, and of the gap of the held-out FRFs, that a field must take off [-].
         twin: a mirror image is a twin unless it is so many times less probable [-].
