@@ -47,7 +47,7 @@ def test_the_best_are_followed_as_long_as_that_takes_them_further(lab, scene, mo
     )
     asked = []
 
-    def refit(model, candidate, label, start, about=None):  # noqa: ARG001
+    def refit(model, candidate, label, start, about=None):
         one = ended if candidate is ended.candidate else other
         asked.append(one.name)
         assert torch.allclose(start[0], one.fit.model.space.to_cube(one.fit.theta))

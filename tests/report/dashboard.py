@@ -21,7 +21,7 @@ from PIL import Image
 
 # It is run as a script, beside which its neighbour lies.
 sys.path.insert(0, str(Path(__file__).parent))
-import browser  # noqa: E402
+import browser
 
 PAGES = {"custom_scalars": 1150, "hparams": 640}
 """By the page's own name, the height of its picture [px]."""
