@@ -41,7 +41,6 @@ def test_nothing_is_missing_from_the_strip_that_its_peaks_show(console, tmp_path
     assert "consistent" in console.file.getvalue()
 
 
-@pytest.mark.xfail(reason="not run again since a field is inferred there", strict=False)
 @pytest.mark.check
 def test_frfs_whose_phases_say_nothing_are_not_explained(console, tmp_path):
     found = examine(case("free_strip"), console, tmp_path, ["measurement.band=[25, 60]", "mesh.n_x=40"], report=False)

@@ -44,7 +44,6 @@ def test_a_run_that_is_killed_often_ends_as_the_undisturbed_one():
     killed("--verb", "run", "--kills", KILLS)
 
 
-@pytest.mark.xfail(reason="takes longer than it may on a busy machine", strict=False)
 @pytest.mark.check
 def test_a_diagnosis_that_is_killed_ends_as_the_undisturbed_one():
     killed("--verb", "diagnose", "--kills", KILLS)
