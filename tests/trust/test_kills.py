@@ -27,18 +27,10 @@ def killed(*arguments: object) -> None:
     assert same == commands
 
 
-@pytest.mark.xfail(
-    reason="the curve of a resumed run in TensorBoard is not the undisturbed one's; result and history are",
-    strict=False,
-)
 def test_a_run_that_is_killed_ends_as_the_undisturbed_one():
     killed("--verb", "run", "--kills", 1, "--generations", 6)
 
 
-@pytest.mark.xfail(
-    reason="the curve of a resumed run in TensorBoard is not the undisturbed one's; result and history are",
-    strict=False,
-)
 @pytest.mark.check
 def test_a_run_that_is_killed_often_ends_as_the_undisturbed_one():
     killed("--verb", "run", "--kills", KILLS)

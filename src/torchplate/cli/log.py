@@ -41,7 +41,6 @@ class RunLog:
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.names, self.problem = folder, names, problem or folder.name
-        self.step = 0
         if keep is None:
             # TensorBoard would draw a run that was in this folder before over the new one.
             for pattern in (f"{_EVENTS}*", f"{REPEAT}*/{_EVENTS}*"):
@@ -53,6 +52,8 @@ class RunLog:
         self._rows = [row for row in rows if int(row["generation"]) <= (keep or 0)]
         purge = 1 + max((int(row["n_evaluation"]) for row in self._rows), default=-1)
         self._purge = purge if keep is not None else None
+        # The end of the curve so far: what is there is not written again.
+        self.step = purge - 1
         self._writer = SummaryWriter(str(folder), purge_step=self._purge)
         self._writer.add_custom_scalars(of_a_search(self.problem, names))
         self._repeats: list[SummaryWriter] = []
