@@ -47,7 +47,6 @@ def test_a_thickness_that_was_written_down_wrongly_is_named(lab):
     assert found.verdict in ("explained", "partly_explained")
 
 
-@pytest.mark.xfail(reason="named beside a second effect since basins are looked for beside the axis", strict=False)
 def test_a_light_mass_is_found_in_sixty_lines(lab):
     hidden = {"lump": (CATALOGUE["point_mass"](), {"x": 0.27, "y": 0.68, "mass": 0.024})}
     lines = torch.linspace(5.0, 400.0, 60, dtype=torch.float64)

@@ -42,6 +42,9 @@ CERTAIN: Final = 20.0
 # Where a new pole goes, in line spacings from its line; and the part of its width within which one is there already.
 BESIDE: Final = (0.0, 0.4, -0.4)
 ALIKE: Final = 0.01
+# Lines for each pole at least, where there are plenty; and where there are not: two thirds still tell the noise.
+PER_POLE: Final = 6
+FEWEST: Final = 3
 
 
 class _Basis(NamedTuple):
@@ -56,8 +59,8 @@ class _Basis(NamedTuple):
 class RationalFit:
     """Poles common to all FRFs, free residues, and the noise that is left; FRFs come with a root mean square of 1."""
 
-    def __init__(self, frequency: Tensor, frf: Tensor, flat: Tensor | None = None) -> None:
-        self.frequency, self.frf = frequency, frf
+    def __init__(self, frequency: Tensor, frf: Tensor, flat: Tensor | None = None, per_pole: int = PER_POLE) -> None:
+        self.frequency, self.frf, self.per_pole = frequency, frf, per_pole
         self.flat = (torch.ones_like(frequency) if flat is None else flat)[:, None]
         self.step = float((frequency[-1] - frequency[0]) / (len(frequency) - 1))
         middle = 0.5 * (frequency[0] + frequency[-1])
@@ -76,9 +79,10 @@ class RationalFit:
         frequency: Float[Tensor, " n_line"],
         frf: Complex[Tensor, "n_line n_frf"],
         flat: Float[Tensor, " n_line"] | None = None,
+        per_pole: int = PER_POLE,
     ) -> "RationalFit":
         """The fit with all poles that the lines show, beside a sensor's floor of this course; flat where left out."""
-        fit = cls(frequency, frf, flat)
+        fit = cls(frequency, frf, flat, per_pole)
         fit.weigh()
         fit.add(fit._first_lines())
         for _ in range(N_ROUND):
@@ -91,6 +95,9 @@ class RationalFit:
         fit.weigh()
         fit.settle(N_STEP)
         fit.estimate(final=True)
+        if per_pole > FEWEST and not fit._room():
+            # More resonances than there is room for: what they leave is no noise.
+            return cls.of(frequency, frf, flat, FEWEST)
         return fit
 
     @property
@@ -144,7 +151,7 @@ class RationalFit:
         return torch.as_tensor(lines.copy())[order].to(self.frequency.device)
 
     def _room(self) -> int:
-        return max(0, (len(self.frequency) - N_SMOOTH) // 6 - len(self.pole))
+        return max(0, (len(self.frequency) - N_SMOOTH) // self.per_pole - len(self.pole))
 
     def add(self, lines: Tensor) -> bool:
         """A pole at each of these lines, narrower than the line spacing, or beside one that is there already.
