@@ -122,7 +122,6 @@ def of_frfs(values: dict[str, float] | None = None, **more: tuple[str, dict[str,
     return what_changed(before, PlateTest(plate(), measured(truth, 2), imperfections=TOLD), as_given=True)
 
 
-@pytest.mark.xfail(reason="changes between FRFs are not held to the whole truth yet", strict=False)
 @pytest.mark.check
 def test_a_mass_that_came_is_named_beside_a_patch_that_was_there_before():
     found = of_frfs(lump=LUMP)
@@ -141,7 +140,6 @@ def test_softer_wires_are_named():
     assert "wires.stiffness" in {found.effects[0].name, *found.effects[0].equivalent}
 
 
-@pytest.mark.xfail(reason="changes between FRFs are not held to the whole truth yet", strict=False)
 @pytest.mark.check
 def test_two_tests_of_an_unchanged_plate_are_consistent():
     found = of_frfs()

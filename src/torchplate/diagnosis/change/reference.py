@@ -23,7 +23,7 @@ from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.criterion import UNIFORM
-from torchplate.discrepancy import Wandering, modes_near, specimen_columns
+from torchplate.discrepancy import Wandering, modes_near, place_std, specimen_columns
 from torchplate.model import PlateModel, solve_eigenvalues
 from torchplate.search import JACOBIANS
 
@@ -112,7 +112,8 @@ def fit_reference(builder: ModelBuilder, prior: Prior, settings: ChangeSettings)
     n_mode = modes_near(found.reduced, theta, target.frequency)
     modes = OwnModes.of(found.model, found.reduced, theta, n_mode)
     plain = builder.reduced(found.model, theta[None])
-    specimens = ReferenceSpecimens(plain, theta, target.wandering, damping, modes, settings.mode_stiffness)
+    place = place_std(target.imperfections, target.mesh_left)
+    specimens = ReferenceSpecimens(plain, theta, target.wandering, damping, modes, settings.mode_stiffness, place)
     joint = Joint(builder, found.model, specimens, prior)
     position, shift = model.space.to_cube(theta), _begun(found, specimens, told, damping)
     if found.gap > target.settings.screening.overlapping:
@@ -121,9 +122,10 @@ def fit_reference(builder: ModelBuilder, prior: Prior, settings: ChangeSettings)
     ended = joint.descend_sharply(position, shift)
     position, shift = ended.position, ended.found.shift
     theta = model.space.to_si(position)
-    specimen = specimens.at(shift)
-    marginal = target.marginal(specimen, theta, specimen=False)
-    judged = marginal.judge(marginal.over_noise(target.off(builder.predict(specimen, theta))))
+    specimen = specimens.at(shift, ended.found.channels)
+    about = ended.found._replace(shift=shift[:0], spread=ended.found.spread[:0, :0])
+    marginal = target.marginal(specimen, theta, about, specimen=False)
+    judged = marginal.judge(marginal.residual(target.off(builder.predict(specimen, theta), marginal.about)))
     columns = all_columns(builder, specimen, specimens, theta, list(model.names))
     information = marginal.precision(marginal.over_noise(columns.movedim(-1, 0)), judged)
     known = torch.cat([_told(model, theta, prior), torch.ones_like(shift)])

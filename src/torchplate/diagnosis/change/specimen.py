@@ -69,6 +69,7 @@ class ReferenceSpecimens(Specimens):
         damping: standard deviation of each mode's ln damping [-].
         modes: those with a stiffness of their own.
         stiffness: standard deviation of ln f of each [-].
+        place: standard deviation of the place of a sensor or a hit [m].
     """
 
     @torch.no_grad()
@@ -80,9 +81,10 @@ class ReferenceSpecimens(Specimens):
         damping: float,
         modes: OwnModes,
         stiffness: float,
+        place: float = 0.0,
     ) -> None:
         n_mode = len(modes.eigenvalue)
-        super().__init__(model, theta, wandering, damping, n_mode)
+        super().__init__(model, theta, wandering, damping, n_mode, place)
         own = modes.stiffness(model, stiffness)
         self.n_section = self.n_term
         self.stiffness = torch.cat([self.stiffness, own])
