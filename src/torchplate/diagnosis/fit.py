@@ -63,7 +63,7 @@ def fit(
             best = int(values.argmin())
             position, value = places[best], float(values[best])
         else:
-            position, about, value = _jointly(Joint(builder, model, specimens, prior), starts, about)
+            position, about, value, _ = _jointly(Joint(builder, model, specimens, prior), starts, about)
         moved = (position - last).abs().max()
         if turn > 0 and abs(before - value) <= settings.settled * value:
             break

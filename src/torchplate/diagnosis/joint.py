@@ -30,11 +30,13 @@ class Ended(NamedTuple):
         position: of the parameters, on the unit cube.
         found: the specimen.
         value: half the sum of squares, priors included.
+        cost: −2 ln of the posterior probability there, up to a constant of the measurement.
     """
 
     position: Float[Tensor, " n"]
     found: Found
     value: float
+    cost: float
 
 
 class Joint:
@@ -161,7 +163,7 @@ class Joint:
         slope = self._jacobian(*here, channels, sharp, marginal)
         n = len(position)
         spread = torch.linalg.pinv(slope.mT @ slope, hermitian=True, rtol=1e-12)[n:, n:]
-        return Ended(here[0], Found(here[1], spread, channels), value)
+        return Ended(here[0], Found(here[1], spread, channels), value, cost)
 
     def beside(self, position: Float[Tensor, " n"], about: Found) -> Problem:
         """The fit of the parameters alone, the specimen as it was found."""

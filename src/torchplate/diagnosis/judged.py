@@ -117,7 +117,7 @@ def settled(
             else:
                 joint = Joint(builder, model, specimens, prior, scale)
                 shift, channels = (position.new_zeros(0), None) if about is None else (about.shift, about.channels)
-                position, about, _ = joint.descend_sharply(position, shift, channels)
+                position, about, *_ = joint.descend_sharply(position, shift, channels)
             reduced, marginal = beside(position, about, scale)
         found = judged_beside(builder, model, reduced, prior, position, marginal)
         # Likelihoods about a uniform section and about one that wanders are not of one kind.

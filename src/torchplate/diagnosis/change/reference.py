@@ -120,6 +120,13 @@ def fit_reference(builder: ModelBuilder, prior: Prior, settings: ChangeSettings)
         wide = target.settings.wide
         position, shift, _ = joint.descend(position, shift, target.levels - 2, wide.n_iteration[-1], wide.damping)
     ended = joint.descend_sharply(position, shift)
+    for _ in range(settings.n_turn):
+        # A section that stands in for what the model lacks keeps modes of their own from doing so.
+        again = joint.descend_sharply(ended.position, torch.zeros_like(shift))
+        fallen = ended.cost - again.cost
+        ended = again if fallen > 0 else ended
+        if fallen < target.settings.fitting.little:
+            break
     position, shift = ended.position, ended.found.shift
     theta = model.space.to_si(position)
     specimen = specimens.at(shift, ended.found.channels)
