@@ -276,6 +276,12 @@ def tables(score: Score, title: str = "rates") -> list[Table]:
         ("E, where seen", [v.young for v in score.verdicts if v.young is not None and v.right], 100, " %"),
         ("members of a right set", [float(m) for v in score.verdicts for m in v.members], 1, ""),
         ("seconds", [record["seconds"] for record in score.records if "seconds" in record], 1, " s"),
+        (
+            "seconds of CPU",
+            [record["seconds_of_cpu"] for record in score.records if "seconds_of_cpu" in record],
+            1,
+            " s",
+        ),
         *((f"size of {effect}", values, 100, " %") for effect, values in sorted(sizes.items())),
     ]
     for name, values, factor, unit in lines:

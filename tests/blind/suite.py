@@ -66,7 +66,7 @@ def run_case(
         "truth": case.record(),
         "commit": commit(),
     }
-    begin = time.perf_counter()
+    begin, computed = time.perf_counter(), time.process_time()
     try:
         diagnose(config, out)
         record["diagnosis"] = json.loads((out / "diagnosis.json").read_text())
@@ -78,6 +78,7 @@ def run_case(
         record["error"] = traceback.format_exception_only(error)[-1].strip()
         (own / "traceback.txt").write_text(traceback.format_exc())
     record["seconds"] = time.perf_counter() - begin
+    record["seconds_of_cpu"] = time.process_time() - computed
     return record
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from torchplate.diagnosis.field.descent import FieldDescent, Place
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.grid import Grid
 from torchplate.diagnosis.field.infer import infer_field, with_field
@@ -113,6 +114,29 @@ def test_the_columns_are_the_derivatives_of_the_frfs(lab, kind):
             slope = (high - low) / (2 * step[k])
             # Losses couple the modes, which the columns do not know.
             assert float((columns[k] - slope).norm() / slope.norm()) < 2e-2
+
+
+@torch.no_grad()
+def test_a_single_value_that_falls_to_none_goes_on_as_a_smooth_field(scene, monkeypatch):
+    """A support or a loss that would be negative is none."""
+    model = FieldModel(scene.builder, scene.fit, "support", Grid(3, 4, False))
+    descent = FieldDescent(model, {})
+    position = scene.fit.model.space.to_cube(scene.fit.theta)
+    values = torch.zeros(12, dtype=torch.float64)
+    values[5] = model.unit
+    shapes = []
+
+    def fallen(problem, place, linear, shape, level):
+        shapes.append(shape)
+        return place._replace(values=torch.zeros_like(values))
+
+    monkeypatch.setattr(descent, "_stepped", fallen)
+    descent.widely(Place(position, values, None))
+    # Weights of a sparse field stand on the diagonal alone.
+    alone = [not bool((shape - torch.diag(shape.diagonal())).any()) for shape in shapes]
+    assert alone[0]
+    assert not any(alone[1:])
+    assert len(alone) > 1
 
 
 @pytest.fixture(scope="module")

@@ -302,8 +302,12 @@ def test_a_baseline_that_stopped_too_soon_is_taken_up_from_where_an_effect_led(l
     assert stuck.reduced_misfit > 20 * end.reduced_misfit
     # An effect let the plate's own parameters go where they belong: without it they do as well.
     ranked = Ranked((), (), 15.0)
-    lower = selection._lower(State(model, stuck), State(model, end), ranked)
+    lower = selection._lower(State(model, stuck), State(model, end), ranked, alone=False)
     assert lower.fit.square == pytest.approx(end.square, rel=1e-3)
     assert any("without it" in one for one in said)
     # Where it had come to its end, nothing is taken up.
-    assert selection._lower(State(model, end), State(model, end), ranked) is None
+    assert selection._lower(State(model, end), State(model, end), ranked, alone=False) is None
+    # Where the effect alone leaves noise, a baseline that ends lower but far above that is not taken up.
+    nearly = lab.leaving(end, 0.1 * end.square)
+    assert selection._lower(State(model, stuck), State(model, nearly), ranked, alone=True) is None
+    assert selection._lower(State(model, stuck), State(model, end), ranked, alone=True) is not None

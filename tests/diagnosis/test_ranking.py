@@ -147,6 +147,33 @@ def test_what_falls_behind_at_a_wide_level_goes_down_no_further_but_for_the_best
 
 
 @torch.no_grad()
+def test_what_stays_far_above_the_best_beside_the_axis_is_not_refitted(scene, monkeypatch):
+    ranking, state, every = scene.ranking, scene.state, ("sensor_gain", "point_mass", "density", "thickness")
+    base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    found = screen(scene.builder, base, scene.fit.theta, [scene.candidate(name) for name in every], {})
+    values = {"sensor_gain": 7.0, "point_mass": 1.0, "density": 5.9, "thickness": 6.1}
+
+    def begin(builder, model, start, prior):
+        (name,) = [one.candidate.name for one in found if one.label in model.effects]
+        return module.Begun(start[0], start.new_zeros(0), values[name])
+
+    monkeypatch.setattr(module, "begin", begin)
+    monkeypatch.setattr(module, "UNIFORM", None)
+    monkeypatch.setattr(module, "known_section", lambda _: None)
+    ranking._far = set()
+    ways = [(one, [one.starts]) for one in found]
+    went = ranking._begun(state, ways)
+    # The nearest first; six times the best is near enough.
+    assert [one.candidate.name for one, _, _ in went] == ["point_mass", "density"]
+    assert ranking._far == {"sensor_gain", "thickness"}
+    # Two go on however far off the second is.
+    values["density"] = 1e3
+    assert [one.candidate.name for one, _, _ in ranking._begun(state, ways)] == ["point_mass", "thickness"]
+    monkeypatch.setattr(module, "known_section", lambda fit: fit)
+    assert all(begun is None for _, _, begun in ranking._begun(state, ways))
+
+
+@torch.no_grad()
 def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
     scene = lab.Scene(hidden={"wire": (700.0, 0.2)})
     spring = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))

@@ -12,8 +12,9 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.naming import _chance
 from torchplate.diagnosis.remarks import all_remarks, missing_still, nothing_but_chance
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
+from torchplate.diagnosis.selection.screen import Scored
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
-from torchplate.diagnosis.summary import _on_symmetry, _verdict
+from torchplate.diagnosis.summary import _finer_mesh, _on_symmetry, _table, _verdict
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement.noise import noise_level
@@ -86,6 +87,34 @@ def test_sensors_on_a_line_of_symmetry_are_seen():
     # A force off the line tells a place from its mirror image.
     assert not _on_symmetry(plate((3, 18), (7, 22)))
     assert not _on_symmetry(plate((3, 18), (11, 14)))
+
+
+def test_a_finer_mesh_is_named_by_the_model_that_lacks_nothing_else(lab):
+    before, after = Ended(lab, 0.2), Ended(lab, 0.0, n_named=1)
+    (naming,) = after.state.named
+    final, ranked = after.state.fit, (Ranked((), (naming.hypothesis,)),)
+    worse = final._replace(judged=before.state.fit.judged)
+    # The baselines differ as little as may be: only the last models say whether the mesh shows.
+    for unrefined, n_named in ((worse, 1), (final, 0)):
+        seen = Trace(after.builder, after.noise, final, after.state, after.state, ranked, {}, unrefined)
+        named = _finer_mesh(seen)
+        assert len(named) == n_named
+        assert all("the last model's misfit is" in one.evidence for one in named)
+
+
+def test_what_stayed_far_above_the_best_is_not_said_to_promise_too_little(lab):
+    ended = Ended(lab)
+    effects = [CATALOGUE[name]() for name in ("density", "thickness")]
+    promises = [
+        Scored(Candidate(one, {}, {}, {}), "one", ended.state.model, 0.5, {}, torch.zeros(1, 1),
+                torch.eye(2, dtype=torch.float64)[k], torch.zeros(0, dtype=torch.float64))
+        for k, one in enumerate(effects)
+    ]  # fmt: skip
+    rows = _table(Ranked(tuple(promises), (), 0.0, frozenset({"density"})), (), ended.builder)
+    assert [one.remark for one in rows] == [
+        "rejected: fitted to smoothed FRFs, it stays far above the best",
+        "rejected: promises too little",
+    ]
 
 
 def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):

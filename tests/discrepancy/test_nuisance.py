@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from torchplate.discrepancy.modal_change import _multiples
 from torchplate.discrepancy.nuisance import nuisances
 from torchplate.discrepancy.wandering import UNIFORM, Wandering
 from torchplate.effects import CATALOGUE
@@ -184,3 +185,15 @@ def test_places_far_off_are_second_order_too():
     said = 2 * columns.second_order.variance({})
     # Mean over lines and FRFs; the mean of 60 draws of a fourth power is good to a third.
     assert float(said.mean() / left.mean()) == pytest.approx(1.0, abs=0.4)
+
+
+def test_matrices_that_are_multiples_of_one_another_are_felt_once():
+    generator = torch.Generator().manual_seed(2)
+    one, other = (torch.randn(4, 4, generator=generator, dtype=torch.float64) for _ in range(2))
+    nothing = torch.zeros_like(one)
+    own, which, multiple = _multiples(
+        torch.stack([nothing, one, other, -2.5 * one, nothing, 1e-9 * other, one + other])
+    )
+    assert own.tolist() == [1, 2, 6]
+    assert multiple.tolist() == pytest.approx([0.0, 1.0, 1.0, -2.5, 0.0, 1e-9, 1.0])
+    assert [which[k].item() for k in (1, 2, 3, 5, 6)] == [0, 1, 0, 1, 2]

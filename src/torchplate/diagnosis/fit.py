@@ -6,6 +6,7 @@ the fit goes on until that changes nothing.
 """
 
 import math
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -14,9 +15,37 @@ from torch import Tensor
 from torchplate.diagnosis.joint import Ended, Joint
 from torchplate.diagnosis.judged import Fit, judged_beside, settled, unfitted
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.problem import Prior, Problem, widely
+from torchplate.diagnosis.problem import Prior, Problem, one_level, widely
 from torchplate.discrepancy import UNIFORM, Found
 from torchplate.model import PlateModel
+
+
+class Begun(NamedTuple):
+    """Where the starts of a fit lead beside the frequency axis, parameters and specimen together.
+
+    Attributes:
+        position: of the parameters, on the unit cube.
+        shift: of the specimen, in standard deviations.
+        value: half the sum of squares there, priors included.
+    """
+
+    position: Float[Tensor, " n"]
+    shift: Float[Tensor, " n_off"]
+    value: float
+
+
+def begin(builder: ModelBuilder, model: PlateModel, start: Float[Tensor, "n_start n"], prior: Prior) -> Begun:
+    """The first part of a fit where nothing is known of the specimen.
+
+    Args:
+        builder: what builds and evaluates it.
+        model: in all dofs.
+        start: positions on the unit cube, the best one first.
+        prior: what is known of its parameters beforehand.
+    """
+    theta = model.space.to_si(start[0])
+    plain = builder.reduced(builder.corrected(model, theta).model, theta[None])
+    return _beside_the_axis(Joint(builder, model, builder.target.specimens(plain, theta), prior), start)
 
 
 def fit(
@@ -27,6 +56,7 @@ def fit(
     wide: bool = True,
     hopeless: float = math.inf,
     about: Found | None = None,
+    begun: Begun | None = None,
 ) -> Fit:
     """Fit a model from several starts.
 
@@ -36,12 +66,15 @@ def fit(
         start: positions on the unit cube, the best one first.
         prior: what is known of its parameters beforehand.
         wide: whether to begin at the wide levels.
-        hopeless: sum of squares of the fitted residuals beyond which the first basis is the last.
+        hopeless: sum of squares of the fitted residuals beyond which the first basis is the last, and is left as soon
+            as it leads nowhere near; 0 for a fit in the first basis to its end.
         about: how far the plate's section wanders, as far as is known at the start.
+        begun: where these starts led.
     """
     prior, target, settings = prior or {}, builder.target, builder.target.settings.fitting
     if not model.names:
         return unfitted(builder, model)
+    start = start if begun is None else begun.position[None]
     position = start[0]
     value = torch.inf
     for turn in range(settings.most_bases):
@@ -63,7 +96,9 @@ def fit(
             best = int(values.argmin())
             position, value = places[best], float(values[best])
         else:
-            position, about, value, _ = _jointly(Joint(builder, model, specimens, prior), starts, about)
+            joint = Joint(builder, model, specimens, prior, hopeless=hopeless or math.inf)
+            position, about, value, _ = _jointly(joint, starts, about, begun)
+            begun = None
         moved = (position - last).abs().max()
         if turn > 0 and abs(before - value) <= settings.settled * value:
             break
@@ -81,17 +116,25 @@ def fit(
     return settled(builder, corrected, plain, prior, position, about, specimens=specimens)
 
 
-def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | None) -> Ended:
+def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | None, begun: Begun | None) -> Ended:
     """Parameters and specimen at the sharp level; where nothing is known of the specimen, first a little smoothed."""
     settings, target = joint.settings, joint.target
-    sharp = target.levels - 1
     if about is None:
-        wide, nothing = target.settings.wide, starts.new_zeros(0)
-        ends = [joint.descend(one, nothing, sharp - 1, wide.n_iteration[-1], wide.damping) for one in starts]
-        position, shift, _ = min(ends, key=lambda one: one[2])
-        return joint.descend_sharply(position, shift)
+        begun = begun or _beside_the_axis(joint, starts)
+        return joint.descend_sharply(begun.position, begun.shift)
     start = starts[0]
     if len(starts) > 1:
+        sharp = target.levels - 1
         places, values, _ = joint.beside(start, about).descend(starts, sharp, settings.n_together)
         start = places[values.argmin()]
     return joint.descend_sharply(start, about.shift, about.channels)
+
+
+def _beside_the_axis(joint: Joint, starts: Float[Tensor, "n_start n"]) -> Begun:
+    """Parameters and specimen at the last wide level, from the better half of many starts."""
+    target, nothing = joint.target, starts.new_zeros(0)
+    wide, level = target.settings.wide, target.levels - 2
+    if len(starts) > 2 * target.settings.selecting.n_best:
+        starts, _ = one_level(Problem(joint.builder, joint.specimens.uniform, joint.prior), starts, level, 1)
+    ends = [joint.descend(one, nothing, level, wide.n_iteration[-1], wide.damping) for one in starts]
+    return Begun(*min(ends, key=lambda one: one[2]))

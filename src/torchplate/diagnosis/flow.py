@@ -64,17 +64,14 @@ def diagnose(
     selection = ForwardSelection.of(model, target, dict(tolerance or {}), say)
     baseline = selection.baseline()
     selection, baseline = selection.robust_baseline(baseline)
-    given = selection.as_given(baseline)
     state, rankings = selection.add_effects(baseline, most_effects)
     few = len(measurement.pairs) < target.settings.holding_out.few
     if few and state.fit.reduced_misfit > target.settings.selecting.far_off:
         selection, baseline = selection.inflated(selection.begun)
-        given = selection.as_given(baseline)
         state, rankings = selection.add_effects(baseline, most_effects)
-    found = summarise(
-        Trace(selection.builder, noise, given, selection.begun, state, tuple(rankings), selection.prior),
-        time.monotonic() - began,
-    )
+    given, unrefined = selection.as_given(state)
+    seen = Trace(selection.builder, noise, given, selection.begun, state, tuple(rankings), selection.prior, unrefined)
+    found = summarise(seen, time.monotonic() - began)
     if found.verdict in ("consistent", "explained"):
         return found
     return with_field(found, selection.builder, state.fit, selection.prior, say)

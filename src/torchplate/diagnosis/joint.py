@@ -48,6 +48,7 @@ class Joint:
         specimens: that it may stand for, in the basis.
         prior: what is known of its parameters beforehand.
         scale: of each group of nuisances, times what was said of it; 1 where it is left out.
+        hopeless: sum of squares beyond which it need not come to its end.
     """
 
     def __init__(
@@ -57,10 +58,11 @@ class Joint:
         specimens: Specimens,
         prior: Prior,
         scale: Mapping[str, float] | None = None,
+        hopeless: float = math.inf,
     ) -> None:
         self.builder, self.model, self.specimens, self.prior = builder, model, specimens, prior
         self.target, self.settings = builder.target, builder.target.settings.fitting
-        self.scale = dict(scale or {})
+        self.scale, self.hopeless = dict(scale or {}), hopeless
         self._before: tuple[Tensor, Tensor, Marginal | None, int] | None = None
         self.std = model.known.new_tensor([self.scale.get(name, 1.0) for name in specimens.names])
 
@@ -143,8 +145,12 @@ class Joint:
         settings, sharp = self.settings, self.target.levels - 1
         here, value, n_iteration = (position, self._known(shift)), math.inf, settings.n_together
         marginal, cost, seen = self._judged(*here, channels)
-        for _ in range(settings.n_way):
+        for left in reversed(range(settings.n_way)):
             *end, half = self.descend(*here, sharp, n_iteration, settings.damping, marginal, channels)
+            if 2 * (half - left * max(0.0, value - half)) > self.hopeless:
+                # At this rate it would not get there in all the parts that are left.
+                value = min(value, half)
+                break
             value = min(value, half)
             for part in settings.parts if n_iteration == 1 else (1.0,):
                 there = torch.lerp(here[0], end[0], part), torch.lerp(here[1], end[1], part)

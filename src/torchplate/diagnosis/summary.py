@@ -68,22 +68,24 @@ def _finer_mesh(seen: Trace) -> tuple[Named, ...]:
     if builder.mesh.extrapolate:
         # It is mended already.
         return ()
-    weight = weight_of([given, baseline])
+    unrefined, refined = (given, baseline) if seen.unrefined is None else (seen.unrefined, seen.final.fit)
+    weight = weight_of([unrefined, refined])
     settings = baseline.comparison
     # As probable beforehand as any one effect.
     odds = 2 * math.log((1 - settings.missing) / (settings.missing / len(nameable())))
-    if not baseline.by_noise or evidence(given, weight) - evidence(baseline, weight) < odds:
+    if not refined.by_noise or evidence(unrefined, weight) - evidence(refined, weight) < odds:
         return ()
     before, after = (float(builder.target.gap(one.prediction)) for one in (given, baseline))
     cells = " × ".join(str(cell) for cell in builder.mesh.cells)
+    which = "fitted" if seen.unrefined is None or after < before else "last"
     if after < before:
         shown = f"gap is {percent(after)} instead of {percent(before)}"
     else:
         shown = (
-            f"misfit is {baseline.reduced_misfit:.3g} times what noise and nuisances explain, not "
-            f"{given.reduced_misfit:.3g} times"
+            f"misfit is {refined.reduced_misfit:.3g} times what noise and nuisances explain, not "
+            f"{unrefined.reduced_misfit:.3g} times"
         )
-    text = f"On {cells} elements, with the error of the natural frequencies extrapolated, the fitted model's {shown}."
+    text = f"On {cells} elements, with the error of the natural frequencies extrapolated, the {which} model's {shown}."
     options = {"refine": seen.final.fit.model.mesh.refine // given.model.mesh.refine, "extrapolate": True}
     return (Named("mesh_discretisation", "mesh_discretisation", options, (), settings.finer, {}, text, before, after),)
 
@@ -157,6 +159,8 @@ def _table(ranked: Ranked, effects: Sequence[Named], builder: ModelBuilder) -> t
             remark = "equivalent"
         elif gap is not None:
             remark = f"rejected: a refit leaves {percent(gap)}"
+        elif name in ranked.far:
+            remark = "rejected: fitted to smoothed FRFs, it stays far above the best"
         else:
             remark = "rejected: promises too little"
         rows[name] = Scored(name, promise.candidate.options, promise.drop, promise.values, near, gap, remark)

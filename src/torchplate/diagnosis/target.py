@@ -87,6 +87,14 @@ class FrfTarget:
         """The same with these FRFs held out."""
         return self._but(heldout=heldout)
 
+    def every(self, step: int) -> "FrfTarget":
+        """The same at every `step`-th line, the first among them."""
+        if step == 1:
+            return self
+        shift, variance = (None if one is None else one[::step] for one in (self.mesh_shift, self.model_variance))
+        lines = self.measurement.every(step), self.noise.every(step)
+        return replace(self, measurement=lines[0], noise=lines[1], mesh_shift=shift, model_variance=variance)
+
     def turned(self, sign: Float[Tensor, "n_response n_reference"]) -> "FrfTarget":
         """The same with some FRFs read the other way round.
 

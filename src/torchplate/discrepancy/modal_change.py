@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 from torch import Tensor
 from torch.nn.functional import pad
 
@@ -73,28 +73,35 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
 
 def responses(modal: Modal, rows: Float[Tensor, "n_row n_mode"]) -> Complex[Tensor, "n_frequency n_row n_mode"]:
     """Rows times Z⁻¹ at every line; what is attached at places couples the modes (Woodbury)."""
-    each = 1 / modal.bare[:, None]
-    plain = rows * each
+    each = 1 / modal.bare
     if not len(modal.attached):
-        return plain
-    reach, force = modal.attached * each, modal.force.mT
-    between = reach @ modal.attached.mT.to(reach)
-    coupled = torch.eye(len(modal.attached)).to(between) + force[..., None] * between
-    carried = torch.linalg.solve(coupled, force[..., None] * reach)
-    return plain - (plain @ modal.attached.mT.to(plain)) @ carried
+        return rows * each[:, None]
+    attached, force = modal.attached, modal.force.mT
+    between, pulled = (_over(each, one, attached) for one in (attached, rows))
+    coupled = torch.eye(len(attached)).to(between) + force[..., None] * between
+    # Few rows: each is carried to the attached places, and not all modes there.
+    carried = torch.linalg.solve(coupled, pulled, left=False) * force[:, None]
+    return (rows - times_real(carried, attached)) * each[:, None]
+
+
+def _over(each: Tensor, left: Tensor, right: Tensor) -> Complex[Tensor, "n_frequency n_left n_right"]:
+    """Σ_m l_m r_m e_m at every line, for all pairs of rows."""
+    pairs = (left[:, None] * right[None]).flatten(0, 1)
+    return times_real(each, pairs.mT).unflatten(-1, (len(left), len(right)))
 
 
 def sum_of_modes(modal: Modal, left: Tensor, right: Tensor, weight: Tensor | None = None) -> Tensor:
     """Σ_m l_m r_m weight_m / z_m at every line, for all pairs of rows."""
-    inverse = (1 if weight is None else weight) / modal.denominator
-    pairs = (left[:, None] * right[None]).flatten(0, 1)
-    return (inverse @ pairs.mT.to(inverse)).unflatten(-1, (len(left), len(right)))
+    return _over((1 if weight is None else weight) / modal.denominator, left, right)
 
 
-def of_mode(modal: Modal, m: Tensor, change: Tensor) -> Tensor:
-    """What a change of one mode's denominator does to the receptances."""
-    outer = modal.left[:, m, None] * modal.right[None, :, m]
-    return -(change / modal.denominator[:, m].square())[:, None, None] * outer
+def of_modes(
+    modal: Modal, modes: Int[Tensor, " n_some"], change: Complex[Tensor, "n_frequency n_some"]
+) -> Complex[Tensor, "n_some n_frequency n_response n_reference"]:
+    """What a change of some modes' denominators does to the receptances, each alone."""
+    outer = modal.left[:, None, modes] * modal.right[None, :, modes]
+    each = -change / modal.denominator[:, modes].square()
+    return each.mT[:, :, None, None] * outer.movedim(-1, 0)[:, None]
 
 
 def through_each(
@@ -104,22 +111,43 @@ def through_each(
     s: Tensor,
 ) -> Complex[Tensor, "n_term n_frequency n_response n_reference"]:
     """What several changes of stiffness and mass, in coordinates of all modes, do to the receptances, each alone."""
+    if not len(stiffness):
+        return modal.bare.new_zeros(0, len(s), len(modal.left), len(modal.right))
     left, right = responses(modal, modal.left), responses(modal, modal.right)
     fewer, more, swapped = (left, right, False) if left.shape[1] <= right.shape[1] else (right, left, True)
     parts = []
     for matrices, factor in ((stiffness, modal.kappa[:, 0]), (mass, s.square())):
-        some = matrices.flatten(1).any(-1)
+        some, which, multiple = _multiples(matrices)
         whole = fewer.new_zeros(len(matrices), len(s), fewer.shape[1], more.shape[1])
-        if bool(some.any()):
+        if len(some):
             # One real product for all lines and terms.
             beside = matrices[some].movedim(0, 1).flatten(1)
             felt = times_real(fewer.flatten(0, 1), beside).unflatten(-1, (-1, fewer.shape[-1]))
             felt = felt.unflatten(0, fewer.shape[:2]).flatten(1, 2) @ more.mT
             felt = felt.unflatten(1, (fewer.shape[1], -1)).movedim(2, 0)
-            whole[some] = factor[:, None, None] * felt
+            whole = multiple[:, None, None, None] * (factor[:, None, None] * felt)[which]
         parts.append(whole)
     change = -(parts[0] + parts[1])
     return change.mT if swapped else change
+
+
+def _multiples(
+    matrices: Float[Tensor, "n_term n_mode n_mode"],
+) -> tuple[Int[Tensor, " n_own"], Int[Tensor, " n_term"], Float[Tensor, " n_term"]]:
+    """The matrices that are no multiple of one before; of each which of these it is a multiple of, and what multiple.
+
+    Thickness and modulus that wander alike change the stiffness alike.
+    """
+    norm = matrices.flatten(1).norm(dim=1)
+    unit = matrices.flatten(1) / norm.clamp(min=1e-300)[:, None]
+    alike = unit @ unit.mT
+    # Equal to the root of rounding: as good as columns of a covariance have to be.
+    first = (alike.abs() > 1 - 1e-12).to(torch.int64).argmax(dim=1)
+    every = torch.arange(len(norm))
+    own = (first == every) & (norm > 0)
+    which = (own.cumsum(0) - 1).clamp(min=0)[first]
+    multiple = torch.where(norm > 0, alike[every, first] * norm / norm[first].clamp(min=1e-300), 0.0)
+    return torch.nonzero(own).flatten(), which, multiple
 
 
 def times_real(complex_rows: Tensor, real: Tensor) -> Tensor:

@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.discrepancy.modal_change import Modal, by_modes, of_mode, sum_of_modes, through_each
+from torchplate.discrepancy.modal_change import Modal, by_modes, of_modes, sum_of_modes, through_each
 from torchplate.discrepancy.second_order import SecondOrder
 from torchplate.discrepancy.specimen import Found, Specimens
 from torchplate.discrepancy.wandering import Elements, Wandering, terms
@@ -100,21 +100,20 @@ def nuisances(
         torch.stack([elements.stiffness(one.stiffness, one.coefficient) for one in every]) if every else nothing,
         torch.stack([elements.mass(one.mass) for one in every]) if every else nothing,
     )
-    for one, change in zip(every, through_each(modal, stiffness, mass, chain.laplace), strict=True):
-        common.append((one.name, to_reading(change)))
+    felt = to_reading(through_each(modal, stiffness, mass, chain.laplace))
+    common += [(one.name, change) for one, change in zip(every, felt, strict=True)]
     damped = imperfections.std("damping_scatter")
     if damped > 0:
-        common += [("damping_scatter", to_reading(_damped(modal, m, damped))) for m in range(len(near))]
+        common += [("damping_scatter", change) for change in to_reading(_damped(modal, len(near), damped))]
     n_off = len(common)
     about = None if about is None else about.of(n_off)
     at = torch.searchsorted(
         frequency.to(theta).contiguous(), modal.eigenvalue[elastic].clamp(min=0).sqrt() / (2 * math.pi)
     )
     shift = mesh_shift.to(theta)[at.clamp(max=len(frequency) - 1)]
-    for m, one in zip(elastic, shift, strict=True):
-        if float(one) > 0:
-            moved = 2 * one * modal.eigenvalue[m] * modal.kappa[:, m]
-            common.append(("mesh", to_reading(of_mode(modal, m, moved))))
+    off_mesh = elastic[shift > 0]
+    moved = 2 * shift[shift > 0] * modal.eigenvalue[off_mesh] * modal.kappa[:, off_mesh]
+    common += [("mesh", change) for change in to_reading(of_modes(modal, off_mesh, moved))]
     off = imperfections.std("position_std")
     if off > 0:
         common += [
@@ -156,10 +155,10 @@ def nuisances(
     if drift > 0 and max(n_response, n_reference) > 1:
         # A file does not say whether sensors or hits were moved from record to record.
         moved = 2 * drift * modal.eigenvalue * modal.kappa
-        change = to_reading(-sum_of_modes(modal, modal.left, modal.right, moved / modal.denominator))
+        drifted = to_reading(-sum_of_modes(modal, modal.left, modal.right, moved / modal.denominator))
         for count, part, what in ((n_response, own, of_response), (n_reference, other, of_reference)):
             if count > 1:
-                part.append(("frequency_drift", change))
+                part.append(("frequency_drift", drifted))
                 what.append("drift")
 
     nothing = torch.zeros_like(modal.eigenvalue)
@@ -232,9 +231,9 @@ def specimen_columns(
     _, _, modal, to_reading = _apart(model, theta, frequency, decay)
     shape = modal.shape
     stiffness, mass = (shape.mT @ part @ shape for part in (specimens.stiffness, specimens.mass))
-    changes = [to_reading(one) for one in through_each(modal, stiffness, mass, to_reading.chain.laplace)]
-    changes += [to_reading(_damped(modal, m, specimens.damping)) for m in range(len(specimens.names) - len(changes))]
-    return torch.stack(changes, dim=-1)
+    changes = through_each(modal, stiffness, mass, to_reading.chain.laplace)
+    damped = _damped(modal, len(specimens.names) - len(changes), specimens.damping)
+    return to_reading(torch.cat([changes, damped])).movedim(0, -1)
 
 
 def place_std(imperfections: Imperfections, mesh: tuple[float, float]) -> float:
@@ -273,7 +272,7 @@ def matrix_columns(
     changes = through_each(modal, shape.mT @ stiffness @ shape, shape.mT @ mass @ shape, to_reading.chain.laplace)
     if lossy:
         changes = changes * (1j / modal.kappa[:, 0])[:, None, None]
-    return torch.stack([to_reading(one) for one in changes])
+    return to_reading(changes)
 
 
 def modes_near(model: PlateModel, theta: Float[Tensor, " n_parameter"], frequency: Tensor) -> int:
@@ -295,10 +294,10 @@ def _top(frequency: Tensor) -> float:
     return (2 * math.pi * 1.1 * float(frequency[-1])) ** 2
 
 
-def _damped(modal: Modal, m: int, damping: float) -> Tensor:
-    """Receptances as one mode's ln damping grows by this."""
-    change = 1j * damping * modal.own_damping[m]
-    return of_mode(modal, torch.tensor(m), change.expand(len(modal.denominator)))
+def _damped(modal: Modal, n: int, damping: float) -> Tensor:
+    """Receptances as ln damping of each of the lowest modes, alone, grows by this."""
+    change = 1j * damping * modal.own_damping[:n]
+    return of_modes(modal, torch.arange(n), change.expand(len(modal.denominator), n))
 
 
 class _Reading(NamedTuple):

@@ -79,7 +79,9 @@ class FieldDescent:
                 if left > self.settings.level * before:
                     break
                 before = left
-                shape = forms(self.model.grid, place.values, self.settings)["sparse" if alone else "smooth"]
+                # A single value may have fallen to none.
+                shapes = forms(self.model.grid, place.values, self.settings)
+                shape = shapes.get("sparse", shapes["smooth"]) if alone else shapes["smooth"]
                 weight = told**2 * linear.n_data / self.model.unit**2
                 there = self._stepped(problem, place, linear, weight * shape, level)
                 if there is place:

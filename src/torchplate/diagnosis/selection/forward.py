@@ -149,14 +149,27 @@ class ForwardSelection:
         found = fit(twin.builder, baseline.model, start, self.prior)
         return twin, State(baseline.model, found)
 
-    def as_given(self, baseline: State) -> Fit:
-        """The fit of the given model on its own mesh, error and all."""
-        builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
-        start = baseline.model.space.to_cube(baseline.fit.theta)[None]
-        limit = self.builder.target.settings.searching.hopeless * baseline.fit.square
-        found = fit(builder, builder.given, start, self.prior, hopeless=limit)
+    def as_given(self, final: State) -> tuple[Fit, Fit | None]:
+        """The fits of the given model and of the last one on the given mesh, error and all.
+
+        Whether the mesh shows is asked of a model that lacks nothing else: of the given one only where nothing was
+        named. Else that is told how far off it is, and no more.
+
+        Args:
+            final: the last model.
+        """
+        builder, hopeless = ModelBuilder(self.builder.plain, self.builder.target, as_given=True), 0.0
+        begun, unrefined = self.begun, None
+        if not final.named or builder.held:
+            hopeless = self.builder.target.settings.searching.hopeless * begun.fit.square
+        start = begun.model.space.to_cube(begun.fit.theta)[None]
+        given = fit(builder, builder.given, start, self.prior, hopeless=hopeless)
+        if final.named and not builder.held:
+            limit = self.builder.target.settings.searching.hopeless * final.fit.square
+            start, about = final.model.space.to_cube(final.fit.theta)[None], known_section(final.fit)
+            unrefined = fit(builder, builder.adopt(final.model), start, self.prior, False, limit, about)
         self.builder.count(builder.n_evaluation)
-        return found
+        return given, unrefined
 
     def add_effects(self, state: State, most_effects: int) -> tuple[State, list[Ranked]]:
         """Add effects as long as they are needed and there are some; `begun` is what they were added to."""
@@ -169,10 +182,10 @@ class ForwardSelection:
             choice, ranked = needed
             choice = self._restarted(state, choice)
             single = self._added(state, choice, ranked)
-            if not state.named and (lower := self._lower(state, single, ranked)) is not None:
-                # The ranking was beside another baseline: it holds where this was the second time, and where the best
-                # alone leaves nothing but noise.
-                alone = [one.name for one in ranked.hypotheses if is_noise(one.fit)] == [choice.best.name]
+            # The best alone leaves nothing but noise.
+            alone = [one.name for one in ranked.hypotheses if is_noise(one.fit)] == [choice.best.name]
+            if not state.named and (lower := self._lower(state, single, ranked, alone)) is not None:
+                # The ranking was beside another baseline: it holds where this was the second time, or no other did.
                 holds = (lowered or alone) and is_needed(lower.fit, choice.best, ranked.by_chance)
                 self.begun, state, lowered = lower, lower, True
                 if not holds:
@@ -210,15 +223,22 @@ class ForwardSelection:
         self.say(f"  {best.name}: misfit {found.reduced_misfit:.4g} from elsewhere in the box")
         return replace(choice, best=replace(best, fit=found))
 
-    def _lower(self, state: State, single: State, ranked: Ranked) -> State | None:
-        """The given model fitted from where it is beside the first effect, if it ends lower there than it did."""
+    def _lower(self, state: State, single: State, ranked: Ranked, alone: bool) -> State | None:
+        """The given model fitted from where it is beside the first effect, if it ends lower there than it did.
+
+        Where that effect alone leaves noise, a baseline counts that leaves little more: others change no name.
+        """
         values = single.model.as_dict(single.fit.theta)
         start = torch.tensor([[values[name] for name in state.model.names]]).to(state.fit.theta)
         # What it begins with may be farther off than where it ended before.
         limit = self.settings.beside * state.fit.square
+        if alone:
+            limit = min(limit, self.builder.target.settings.searching.hopeless * single.fit.square)
         position = state.model.space.to_cube(start)
         about = known_section(single.fit)
         found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit, about=about)
+        if alone and found.square > limit:
+            return None
         fallen = found.square <= (1 - self.settings.stopped_soon) * state.fit.square
         likelier = found.cost < state.fit.cost - max(1.0, ranked.by_chance)
         if not found.by_noise or not (fallen or likelier):

@@ -1,7 +1,7 @@
 """The whole catalogue beside one model: score every effect, take the best ones down, refit what ends near the best."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import torch
@@ -12,7 +12,7 @@ from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements, rearrangements
 from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at, tighter_at
-from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.fit import Begun, begin, fit
 from torchplate.diagnosis.localisation.localise import missing_force
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem, one_level, widely
@@ -21,7 +21,8 @@ from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
 from torchplate.diagnosis.selection.shortlist import acts_like, best_of_each, contained, kept, promising
 from torchplate.diagnosis.selection.trace import Ranked, State
-from torchplate.discrepancy import Found
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.discrepancy import UNIFORM, Found
 from torchplate.model import PlateModel
 
 
@@ -39,6 +40,7 @@ class Ranking:
         self.builder, self.prior, self.channels, self.say = builder, prior, channels, say
         self.settings = builder.target.settings
         self._n_option: dict[str, int] = {}
+        self._far: set[str] = set()
 
     def at(self, state: State) -> Ranked:
         """Score the whole catalogue, and refit what promises most."""
@@ -50,6 +52,7 @@ class Ranking:
         self.say(f"scoring {len(everyone)} candidates")
         self._n_option = {one.name: sum(other.name == one.name for other in everyone) for one in everyone}
         self._n_option |= {"channel_swap": rearranged.n_swap, "channel_polarity": rearranged.n_polarity}
+        self._far = set()
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         by_chance = 0.0
@@ -72,14 +75,23 @@ class Ranking:
         hypotheses = best_of_each(hypotheses + self._again(state))
         # Beside noise, effects that are not needed are a check and no more.
         if is_noise(state.fit) and not any(is_needed(state.fit, one, by_chance) for one in hypotheses):
-            return Ranked(tuple(promises), tuple(hypotheses), by_chance)
+            return Ranked(tuple(promises), tuple(hypotheses), by_chance, frozenset(self._far))
         ended: list[Hypothesis] = []
-        for found in self._run_off(state, hypotheses):
-            grounded = found.candidate.effect.to_ground
-            priced, supports = self.as_supports(state, found) if grounded else (found, [])
+        ends = self._run_off(state, hypotheses)
+        limit = self._hopeless(ends)
+        for found in ends:
+            grounded = found.candidate.effect.to_ground and found.fit.square <= limit
+            priced, supports = self.as_supports(state, found, limit) if grounded else (found, [])
             # A support stays where it is: it is named where little else is missing, and it is there.
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= selecting.little)]
-        return Ranked(tuple(promises), tuple(best_of_each(ended)), by_chance)
+        return Ranked(tuple(promises), tuple(best_of_each(ended)), by_chance, frozenset(self._far))
+
+    def _hopeless(self, ends: Sequence[Hypothesis]) -> float:
+        """The sum of squares beyond which a support at the same place is not asked for: the best leaves noise."""
+        best = min(ends, key=lambda one: one.fit.square, default=None)
+        if best is None or not is_noise(best.fit):
+            return math.inf
+        return self.settings.searching.hopeless * best.fit.square
 
     def _rearranged(self, state: State) -> Rearrangements:
         """Exchanges and turns of channels that promise something."""
@@ -89,10 +101,12 @@ class Ranking:
 
     def _nearby(self, state: State, base: PlateModel, everyone: Sequence[Candidate]) -> tuple[list[Scored], float]:
         """All candidates scored where peaks overlap; and what chance takes, where little is left."""
-        draws = self._by_chance(state)
-        promises = screen(
-            self.builder, base, state.fit.theta, everyone, self.prior, near=state.fit.marginal, draws=draws
-        )
+        builder, near = self.builder, state.fit.marginal
+        if (step := self._line_step(state)) > 1:
+            builder = builder.against(builder.target.every(step))
+            near = builder.target.marginal(base, state.fit.theta, state.fit.about).rescaled(near.scale)
+        draws = self._by_chance(state, builder.target)
+        promises = screen(builder, base, state.fit.theta, everyone, self.prior, near=near, draws=draws)
         if draws is None:
             return promises, 0.0
         by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
@@ -119,19 +133,49 @@ class Ranking:
             key = f"{promise.candidate.name} {promise.candidate.options}"
             together.setdefault(key, (promise, []))[1].append(starts)
         found: list[Hypothesis] = []
-        for one, several in sorted(together.values(), key=lambda pair: len(pair[0].candidate.effect.contains)):
+        for one, starts, begun in self._begun(state, together.values()):
             simpler = contained(one.candidate, {other.name for other in found})
             if any(is_noise(other.fit) for other in found if other.name in simpler):
                 # It leaves nothing for what is larger.
                 continue
             least = min((other.fit.square for other in (*before, *found)), default=math.inf)
             limit = self.settings.searching.hopeless * least
-            found.append(self._refit(state, one.candidate, one.label, torch.cat(several), limit))
+            found.append(self._refit(state, one.candidate, one.label, starts, limit, begun=begun))
         return found
 
-    def _by_chance(self, state: State) -> Tensor | None:
+    def _begun(
+        self, state: State, ways: Iterable[tuple[Scored, list[Tensor]]]
+    ) -> Sequence[tuple[Scored, Tensor, Begun | None]]:
+        """Candidates in the order in which they are refitted: those that others contain first, then the nearest.
+
+        Where the specimen is to be found with the parameters, their starts are taken to the end of the wide levels
+        first, and only those go on that stay near the best.
+        """
+        every = [(one, torch.cat(several)) for one, several in ways]
+        every.sort(key=lambda pair: len(pair[0].candidate.effect.contains))
+        settings, target = self.settings, self.builder.target
+        if len(every) < 2 or target.wandering == UNIFORM or known_section(state.fit) is not None:
+            return [(one, starts, None) for one, starts in every]
+        found: list[tuple[Scored, Tensor, Begun]] = []
+        for one, starts in every:
+            whole = with_candidate(state.model, one.label, one.candidate)
+            found.append((one, starts, begin(self.builder, whole, starts, self.prior)))
+        least = sorted(begun.value for _, _, begun in found)
+        most = max(settings.screening.near * least[0], least[settings.selecting.n_best - 1])
+        self._far |= {one.candidate.name for one, _, begun in found if begun.value > most}
+        found = [one for one in found if one[2].value <= most]
+        return sorted(found, key=lambda one: (len(one[0].candidate.effect.contains), one[2].value))
+
+    def _line_step(self, state: State) -> int:
+        """Of how many lines one is looked at for the score test: where more than noise is left, few say as much."""
+        target, screening = self.builder.target, self.settings.screening
+        if state.fit.reduced_misfit <= screening.nearly_right:
+            return 1
+        numbers = 2 * len(target.frequency) * int(target.fitted.sum())
+        return max(1, min(-(-numbers // screening.most_numbers), len(target.frequency) // screening.least_lines))
+
+    def _by_chance(self, state: State, target: FrfTarget) -> Tensor | None:
         """Residuals that chance alone makes, where what is left is not far above it; None elsewhere."""
-        target = self.builder.target
         if not state.fit.by_noise or state.fit.reduced_misfit > self.settings.selecting.doubtful:
             return None
         n_told = int((state.fit.told > 0).sum())
@@ -252,10 +296,11 @@ class Ranking:
         ended = ways[: screening.n_sharp]
         simpler = {name for _, promise, _ in ended for name in promise.candidate.effect.contains}
         ended += [one for one in ways[screening.n_sharp :] if one[1].candidate.name in simpler]
+        self._far |= {one.candidate.name for one in promises} - {one.candidate.name for _, one, _ in ended}
         return [(promise, starts[:n_best]) for _, promise, starts in ended]
 
     def as_supports(
-        self, state: State, found: Hypothesis, taken_up: bool = False
+        self, state: State, found: Hypothesis, hopeless: float = math.inf, taken_up: bool = False
     ) -> tuple[Hypothesis, list[Hypothesis]]:
         """What is grounded at a place, with the penalty of ending at a support; and the supports that it may be.
 
@@ -264,6 +309,7 @@ class Ranking:
         Args:
             state: without it.
             found: with it.
+            hopeless: sum of squares beyond which no fit is followed to its end.
             taken_up: whether it was fitted from where a support led already.
         """
         if found.fit.reduced_misfit > self.settings.selecting.grounded:
@@ -275,14 +321,14 @@ class Ranking:
         if tighter is not None:
             found = replace(found, coincidence=tighter.coincidence)
         wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
-        supports = [self._priced(self.refitted(state, candidate, theta), found) for candidate in wanted]
+        supports = [self._priced(self.refitted(state, candidate, theta, hopeless), found) for candidate in wanted]
         best = min(supports, key=lambda one: one.fit.square)
         nearer = (1 - self.settings.selecting.stopped_short) * found.fit.square
         stopped_short = best.fit.square < nearer and not is_noise(found.fit)
         if tighter is None and stopped_short and not taken_up:
-            again = self._from_support(state, found, best)
+            again = self._from_support(state, found, best, hopeless)
             if again.fit.square < nearer:
-                return self.as_supports(state, again, taken_up=True)
+                return self.as_supports(state, again, hopeless, taken_up=True)
         return found, supports
 
     def _priced(self, support: Hypothesis, found: Hypothesis) -> Hypothesis:
@@ -300,7 +346,7 @@ class Ranking:
         part = 2 * math.pi * float(spread.nan_to_num(1.0)) ** 0.5
         return replace(support, coincidence=max(0.0, -2 * math.log(min(1.0, part))))
 
-    def _from_support(self, state: State, found: Hypothesis, support: Hypothesis) -> Hypothesis:
+    def _from_support(self, state: State, found: Hypothesis, support: Hypothesis, hopeless: float) -> Hypothesis:
         """What is grounded at a place, fitted from where a support at that place took the rest of the model."""
         whole = found.fit.model
         values = dict(zip(whole.names, found.fit.theta.tolist(), strict=True))
@@ -309,15 +355,15 @@ class Ranking:
             if own in values:
                 values[own] = value
         start = torch.tensor([list(values.values())]).to(found.fit.theta)
-        return self._refit(state, found.candidate, found.label, whole.space.to_cube(start))
+        return self._refit(state, found.candidate, found.label, whole.space.to_cube(start), hopeless)
 
-    def refitted(self, state: State, candidate: Candidate, theta: Tensor) -> Hypothesis:
+    def refitted(self, state: State, candidate: Candidate, theta: Tensor, hopeless: float = math.inf) -> Hypothesis:
         """A candidate in a state's model with these parameters, fitted from its trials."""
         model = state.model
         label = new_label(model, candidate.name)
         whole = with_candidate(model, label, candidate)
         starts = [start_of(whole, theta, model, trial.values, label) for trial in candidate.far]
-        return self._refit(state, candidate, label, torch.stack(starts))
+        return self._refit(state, candidate, label, torch.stack(starts), hopeless)
 
     def _refit(
         self,
@@ -327,9 +373,10 @@ class Ranking:
         starts: Tensor,
         hopeless: float = math.inf,
         about: Found | None = None,
+        begun: Begun | None = None,
     ) -> Hypothesis:
         whole = with_candidate(state.model, label, candidate)
         about = about or known_section(state.fit)
-        found = fit(self.builder, whole, starts, self.prior, wide=False, hopeless=hopeless, about=about)
+        found = fit(self.builder, whole, starts, self.prior, False, hopeless, about, begun)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}, −2 ln L {found.cost:.1f}")
         return Hypothesis(candidate, label, found, n_option=self._n_option.get(candidate.name, 1))

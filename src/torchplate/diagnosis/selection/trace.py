@@ -68,6 +68,7 @@ class Trace:
         final: the last model.
         rankings: of the catalogue, in the order they were made.
         prior: what was known of the parameters beforehand.
+        unrefined: the last model on the given mesh; None where nothing was named, or an edge is held.
     """
 
     builder: ModelBuilder
@@ -77,6 +78,7 @@ class Trace:
     final: State
     rankings: tuple["Ranked", ...]
     prior: Prior
+    unrefined: Fit | None = None
 
 
 @dataclass(frozen=True)
@@ -88,8 +90,10 @@ class Ranked:
         hypotheses: what was refitted.
         by_chance: what chance alone lets the best of the catalogue take from the sum of squares once in a hundred; 0
             where so much is left that it was not asked.
+        far: names that were fitted beside the frequency axis alone, where they stayed far above the best.
     """
 
     promises: tuple[Scored, ...]
     hypotheses: tuple[Hypothesis, ...]
     by_chance: float = 0.0
+    far: frozenset[str] = frozenset()

@@ -61,6 +61,9 @@ class Screening:
         n_start: starts of one candidate for its refit [-].
         apart: how far apart they must sit, relative to the plate [-]: about as places that are tried do.
         parallel: cosine from which on signatures are parallel [-].
+        most_numbers: real numbers at which candidates are scored where more than noise is left, at most [-]: they tell
+            parts of a misfit, which are means over lines, to 1/√6000.
+        least_lines: that are kept in any case [-]: some ten for each mode of a band with twenty.
         n_draw: of what chance alone makes [-].
         level: part of the draws that chance may exceed [-].
     """
@@ -77,6 +80,8 @@ class Screening:
     n_start: int = 8
     apart: float = 0.15
     parallel: float = 0.98
+    most_numbers: int = 6000
+    least_lines: int = 200
     n_draw: int = 200
     level: float = 0.01
 
