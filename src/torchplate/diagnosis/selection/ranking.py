@@ -171,8 +171,9 @@ class Ranking:
         target, screening = self.builder.target, self.settings.screening
         if state.fit.reduced_misfit <= screening.nearly_right:
             return 1
-        numbers = 2 * len(target.frequency) * int(target.fitted.sum())
-        return max(1, min(-(-numbers // screening.most_numbers), len(target.frequency) // screening.least_lines))
+        n_line, n_frf = len(target.frequency), int(target.fitted.sum())
+        wanted = -(-2 * n_line * n_frf // screening.most_numbers)
+        return max(1, min(wanted, n_line // (screening.per_mode * target.n_mode)))
 
     def _by_chance(self, state: State, target: FrfTarget) -> Tensor | None:
         """Residuals that chance alone makes, where what is left is not far above it; None elsewhere."""

@@ -63,7 +63,8 @@ class Screening:
         parallel: cosine from which on signatures are parallel [-].
         most_numbers: real numbers at which candidates are scored where more than noise is left, at most [-]: they tell
             parts of a misfit, which are means over lines, to 1/√6000.
-        least_lines: that are kept in any case [-]: some ten for each mode of a band with twenty.
+        per_mode: lines that are kept for each mode in the band in any case [-]: each is seen, at some of its peak or
+            beside it.
         n_draw: of what chance alone makes [-].
         level: part of the draws that chance may exceed [-].
     """
@@ -81,7 +82,7 @@ class Screening:
     apart: float = 0.15
     parallel: float = 0.98
     most_numbers: int = 6000
-    least_lines: int = 200
+    per_mode: int = 6
     n_draw: int = 200
     level: float = 0.01
 
