@@ -1,5 +1,6 @@
 """Parameters and specimen fitted at once: what a fit finds of a plate that is not quite the one that was meant."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,7 +8,7 @@ import pytest
 import torch
 
 from torchplate.diagnosis.basins import fit_from_the_box
-from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.fit import Beat, fit
 from torchplate.diagnosis.joint import Joint
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
@@ -101,6 +102,48 @@ def test_a_step_that_leads_up_is_not_taken(workshop, monkeypatch):
     monkeypatch.setattr(workshop.joint, "descend", lambda where, shift, *_: (where + 0.2, shift, 1.0))
     ended = workshop.joint.descend_sharply(position, workshop.shift)
     assert torch.equal(ended.position, position)
+
+
+@torch.no_grad()
+def test_what_cannot_get_near_is_left_soon(workshop, monkeypatch):
+    """At the rate of its last part, in all the parts that are left: one that can goes on."""
+    builder, joint = workshop.builder, workshop.joint
+    position, n_part = builder.given.space.to_cube(TRUTH), builder.target.settings.fitting.n_way
+    marginal, _, channels = joint._judged(position, workshop.shift, None)
+    costs: list[float] = []
+
+    def judged(*_):
+        costs.append(-10.0 * len(costs))
+        return marginal, costs[-1], channels
+
+    monkeypatch.setattr(Joint, "_judged", judged)
+    monkeypatch.setattr(Joint, "descend", lambda _, where, shift, *__: (where, shift, 1.0))
+    for beat, hopeless, n in (
+        # Ten for each part, of which one is judged before the first.
+        (-10.0 * n_part, 3.0, 1 + n_part),
+        (-10.0 * n_part - 5.0, 3.0, 2),
+        # A sum of squares that no longer falls, and is too large.
+        (math.inf, 1.0, 2),
+    ):
+        costs.clear()
+        way = Joint(builder, builder.given, workshop.specimens, {}, hopeless=hopeless, beat=beat)
+        way.descend_sharply(position, workshop.shift)
+        assert len(costs) == n
+
+
+@torch.no_grad()
+def test_a_fit_that_is_beaten_ends_in_its_first_basis_unless_its_nuisances_say_otherwise(workshop):
+    builder = workshop.builder
+    start = builder.given.space.to_cube(TRUTH)[None]
+    first = fit(builder, builder.given, start, {}, wide=False)
+    low, every = Beat(first.way - 1e5, first.cost - 1e5), []
+    for beat in (low, low._replace(cost=first.cost + 10.0)):
+        before = builder.n_evaluation
+        found = fit(builder, builder.given, start, {}, wide=False, beat=beat)
+        every.append((found.cost, builder.n_evaluation - before))
+    assert every[0][0] > every[1][0] - 1e-6
+    assert every[0][1] < every[1][1]
+    assert every[1][0] == pytest.approx(first.cost, abs=3.0)
 
 
 @torch.no_grad()

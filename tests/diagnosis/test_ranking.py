@@ -218,3 +218,22 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, 
     # One that came to its end is left as it is.
     same, _ = scene.ranking.as_supports(scene.state, right)
     assert same.fit is right.fit
+
+
+@torch.no_grad()
+def test_those_go_on_that_gained_a_quarter_of_what_the_best_did(scene):
+    gain = scene.hypothesis("sensor_gain")
+
+    def ended(way: float, cost: float) -> Hypothesis:
+        judged = gain.fit.judged._replace(cost=cost, white=1.0, n=1000.0)
+        return Hypothesis(gain.candidate, gain.label, gain.fit._replace(way=way, judged=judged, prior=0.0))
+
+    state = replace(scene.state, fit=ended(10_000.0, 12_000.0).fit)
+    beat = scene.ranking._beat(state, [ended(3_000.0, 6_000.0), ended(2_000.0, 4_000.0)])
+    assert beat == pytest.approx((8_000.0, 10_000.0))
+    # Where the best gained little, all that are as good as it, or nearly so.
+    near = scene.ranking._beat(state, [ended(9_900.0, 11_900.0)])
+    assert near.way > 9_900.0 + 100 + 30
+    assert near.cost - 11_900.0 == pytest.approx(near.way - 9_900.0)
+    # Without ways there is no racing.
+    assert scene.ranking._beat(state, [ended(float("inf"), 0.0)]) == module.NOBODY

@@ -20,6 +20,21 @@ from torchplate.discrepancy import UNIFORM, Found
 from torchplate.model import PlateModel
 
 
+class Beat(NamedTuple):
+    """What a fit has to come near in its first basis to be followed to its end.
+
+    Attributes:
+        way: of another fit, and what is near it.
+        cost: likewise.
+    """
+
+    way: float = math.inf
+    cost: float = math.inf
+
+
+NOBODY = Beat()
+
+
 class Begun(NamedTuple):
     """Where the starts of a fit lead beside the frequency axis, parameters and specimen together.
 
@@ -57,6 +72,7 @@ def fit(
     hopeless: float = math.inf,
     about: Found | None = None,
     begun: Begun | None = None,
+    beat: Beat = NOBODY,
 ) -> Fit:
     """Fit a model from several starts.
 
@@ -70,13 +86,14 @@ def fit(
             as it leads nowhere near; 0 for a fit in the first basis to its end.
         about: how far the plate's section wanders, as far as is known at the start.
         begun: where these starts led.
+        beat: where it is beyond both, the first basis is the last, and is left as soon as it leads nowhere near.
     """
     prior, target, settings = prior or {}, builder.target, builder.target.settings.fitting
     if not model.names:
         return unfitted(builder, model)
     start = start if begun is None else begun.position[None]
     position = start[0]
-    value = torch.inf
+    value, way = torch.inf, math.inf
     for turn in range(settings.most_bases):
         theta = model.space.to_si(position)
         if turn == 0 or (turn == 1 and builder.held):
@@ -96,24 +113,28 @@ def fit(
             best = int(values.argmin())
             position, value = places[best], float(values[best])
         else:
-            joint = Joint(builder, model, specimens, prior, hopeless=hopeless or math.inf)
-            position, about, value, _ = _jointly(joint, starts, about, begun)
+            joint = Joint(builder, model, specimens, prior, hopeless=hopeless or math.inf, beat=beat.way)
+            position, about, value, way = _jointly(joint, starts, about, begun)
             begun = None
         moved = (position - last).abs().max()
-        if turn > 0 and abs(before - value) <= settings.settled * value:
+        far = way > beat.way and target.wandering != UNIFORM
+        if 2 * value > hopeless or far:
+            reduced = specimens.of(about)
+            marginal = target.marginal(reduced, model.space.to_si(position), about)
+            found = judged_beside(builder, corrected, reduced, prior, position, marginal)._replace(way=way)
+            if 2 * value > hopeless or found.cost > beat.cost:
+                return found
+            beat = NOBODY
+        if float(moved) < 1e-6:
             break
-        if 2 * value > hopeless or float(moved) < 1e-6:
+        if turn > 0 and abs(before - value) <= settings.settled * value:
             break
         if turn + 1 >= settings.n_basis and value > settings.falling * before:
             break
-    if 2 * value > hopeless:
-        reduced = specimens.of(about)
-        marginal = target.marginal(reduced, model.space.to_si(position), about)
-        return judged_beside(builder, corrected, reduced, prior, position, marginal)
     if target.wandering == UNIFORM and problem.knows and not turn:
         places, _, _ = problem.descend(position[None], target.levels - 1, settings.n_iteration, settings.free)
         position = places[0]
-    return settled(builder, corrected, plain, prior, position, about, specimens=specimens)
+    return settled(builder, corrected, plain, prior, position, about, specimens=specimens)._replace(way=way)
 
 
 def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | None, begun: Begun | None) -> Ended:

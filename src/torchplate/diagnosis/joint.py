@@ -49,6 +49,7 @@ class Joint:
         prior: what is known of its parameters beforehand.
         scale: of each group of nuisances, times what was said of it; 1 where it is left out.
         hopeless: sum of squares beyond which it need not come to its end.
+        beat: −2 ln of a posterior probability, likewise.
     """
 
     def __init__(
@@ -59,10 +60,11 @@ class Joint:
         prior: Prior,
         scale: Mapping[str, float] | None = None,
         hopeless: float = math.inf,
+        beat: float = math.inf,
     ) -> None:
         self.builder, self.model, self.specimens, self.prior = builder, model, specimens, prior
         self.target, self.settings = builder.target, builder.target.settings.fitting
-        self.scale, self.hopeless = dict(scale or {}), hopeless
+        self.scale, self.hopeless, self.beat = dict(scale or {}), hopeless, beat
         self._before: tuple[Tensor, Tensor, Marginal | None, int] | None = None
         self.std = model.known.new_tensor([self.scale.get(name, 1.0) for name in specimens.names])
 
@@ -147,8 +149,8 @@ class Joint:
         marginal, cost, seen = self._judged(*here, channels)
         for left in reversed(range(settings.n_way)):
             *end, half = self.descend(*here, sharp, n_iteration, settings.damping, marginal, channels)
+            # At this rate it would not get there in all the parts that are left.
             if 2 * (half - left * max(0.0, value - half)) > self.hopeless:
-                # At this rate it would not get there in all the parts that are left.
                 value = min(value, half)
                 break
             value = min(value, half)
@@ -159,8 +161,12 @@ class Joint:
                 if after < cost:
                     break
             fallen = cost - after
+            # A part that leads up says nothing: it is taken again step by step.
+            behind = (fallen > 0 or n_iteration == 1) and min(cost, after) - left * max(0.0, fallen) > self.beat
             if fallen > 0:
                 here, marginal, cost, channels, seen = there, beside, after, at, again
+            if behind:
+                break
             if fallen < max(settings.little, 2 * settings.tolerance * value):
                 if n_iteration == 1 or fallen > 0:
                     break

@@ -1,5 +1,6 @@
 """A fitted model beside noise and nuisances: what it was judged by, and as large as they are found there."""
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -38,6 +39,8 @@ class Fit(NamedTuple):
         n_modal: numbers that what is left says, where it is not noise.
         n_mode: modes in the band.
         comparison: by which it is compared with others.
+        way: −2 ln of the posterior probability where parameters and specimen had come to together, before nuisances
+            were taken as they are found; infinite where no specimen is fitted.
     """
 
     model: PlateModel
@@ -58,6 +61,7 @@ class Fit(NamedTuple):
     n_modal: float = 2.0
     n_mode: int = 1
     comparison: Comparison = Comparison()
+    way: float = math.inf
 
     @property
     def about(self) -> Found | None:

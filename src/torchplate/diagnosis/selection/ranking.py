@@ -12,11 +12,11 @@ from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements, rearrangements
 from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at, tighter_at
-from torchplate.diagnosis.fit import Begun, begin, fit
+from torchplate.diagnosis.fit import NOBODY, Beat, Begun, begin, fit
 from torchplate.diagnosis.localisation.localise import missing_force
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem, one_level, widely
-from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_noise, known_section
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_noise, known_section, weight_of
 from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
 from torchplate.diagnosis.selection.shortlist import acts_like, best_of_each, contained, kept, promising
@@ -78,10 +78,11 @@ class Ranking:
             return Ranked(tuple(promises), tuple(hypotheses), by_chance, frozenset(self._far))
         ended: list[Hypothesis] = []
         ends = self._run_off(state, hypotheses)
-        limit = self._hopeless(ends)
+        limit, beat = self._hopeless(ends), self._beat(state, ends)
         for found in ends:
-            grounded = found.candidate.effect.to_ground and found.fit.square <= limit
-            priced, supports = self.as_supports(state, found, limit) if grounded else (found, [])
+            far = found.fit.square > limit or (limit < math.inf and found.fit.cost > beat.cost)
+            grounded = found.candidate.effect.to_ground and not far
+            priced, supports = self.as_supports(state, found, limit, beat) if grounded else (found, [])
             # A support stays where it is: it is named where little else is missing, and it is there.
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= selecting.little)]
         return Ranked(tuple(promises), tuple(best_of_each(ended)), by_chance, frozenset(self._far))
@@ -140,8 +141,24 @@ class Ranking:
                 continue
             least = min((other.fit.square for other in (*before, *found)), default=math.inf)
             limit = self.settings.searching.hopeless * least
-            found.append(self._refit(state, one.candidate, one.label, starts, limit, begun=begun))
+            beat = self._beat(state, [*before, *found])
+            found.append(self._refit(state, one.candidate, one.label, starts, limit, begun=begun, beat=beat))
         return found
+
+    def _beat(self, state: State, found: Sequence[Hypothesis]) -> Beat:
+        """What a fit has to come near in its first basis to be followed to its end.
+
+        Those are followed that have gained a quarter of what the best has; or that are so near that they are run off
+        with it, or are its equivalents.
+        """
+        best = min((one.fit for one in found), key=lambda one: one.cost, default=None)
+        if best is None or math.isinf(best.way):
+            return NOBODY
+        settings, comparison = self.settings.selecting, best.comparison
+        never = -2 * math.log((1 - comparison.credible) * comparison.beyond) / weight_of([best])
+        near, part = settings.close + settings.close_part * best.square + never, settings.explains_some
+        pairs = (best.way, state.fit.way), (best.cost, state.fit.cost)
+        return Beat(*(here + max(near, part * (before - here)) for here, before in pairs))
 
     def _begun(
         self, state: State, ways: Iterable[tuple[Scored, list[Tensor]]]
@@ -301,7 +318,12 @@ class Ranking:
         return [(promise, starts[:n_best]) for _, promise, starts in ended]
 
     def as_supports(
-        self, state: State, found: Hypothesis, hopeless: float = math.inf, taken_up: bool = False
+        self,
+        state: State,
+        found: Hypothesis,
+        hopeless: float = math.inf,
+        beat: Beat = NOBODY,
+        taken_up: bool = False,
     ) -> tuple[Hypothesis, list[Hypothesis]]:
         """What is grounded at a place, with the penalty of ending at a support; and the supports that it may be.
 
@@ -311,6 +333,7 @@ class Ranking:
             state: without it.
             found: with it.
             hopeless: sum of squares beyond which no fit is followed to its end.
+            beat: what the supports have to come near for that.
             taken_up: whether it was fitted from where a support led already.
         """
         if found.fit.reduced_misfit > self.settings.selecting.grounded:
@@ -322,14 +345,14 @@ class Ranking:
         if tighter is not None:
             found = replace(found, coincidence=tighter.coincidence)
         wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
-        supports = [self._priced(self.refitted(state, candidate, theta, hopeless), found) for candidate in wanted]
+        supports = [self._priced(self.refitted(state, one, theta, hopeless, beat), found) for one in wanted]
         best = min(supports, key=lambda one: one.fit.square)
         nearer = (1 - self.settings.selecting.stopped_short) * found.fit.square
         stopped_short = best.fit.square < nearer and not is_noise(found.fit)
         if tighter is None and stopped_short and not taken_up:
             again = self._from_support(state, found, best, hopeless)
             if again.fit.square < nearer:
-                return self.as_supports(state, again, hopeless, taken_up=True)
+                return self.as_supports(state, again, hopeless, beat, taken_up=True)
         return found, supports
 
     def _priced(self, support: Hypothesis, found: Hypothesis) -> Hypothesis:
@@ -358,13 +381,15 @@ class Ranking:
         start = torch.tensor([list(values.values())]).to(found.fit.theta)
         return self._refit(state, found.candidate, found.label, whole.space.to_cube(start), hopeless)
 
-    def refitted(self, state: State, candidate: Candidate, theta: Tensor, hopeless: float = math.inf) -> Hypothesis:
+    def refitted(
+        self, state: State, candidate: Candidate, theta: Tensor, hopeless: float = math.inf, beat: Beat = NOBODY
+    ) -> Hypothesis:
         """A candidate in a state's model with these parameters, fitted from its trials."""
         model = state.model
         label = new_label(model, candidate.name)
         whole = with_candidate(model, label, candidate)
         starts = [start_of(whole, theta, model, trial.values, label) for trial in candidate.far]
-        return self._refit(state, candidate, label, torch.stack(starts), hopeless)
+        return self._refit(state, candidate, label, torch.stack(starts), hopeless, beat=beat)
 
     def _refit(
         self,
@@ -375,9 +400,10 @@ class Ranking:
         hopeless: float = math.inf,
         about: Found | None = None,
         begun: Begun | None = None,
+        beat: Beat = NOBODY,
     ) -> Hypothesis:
         whole = with_candidate(state.model, label, candidate)
         about = about or known_section(state.fit)
-        found = fit(self.builder, whole, starts, self.prior, False, hopeless, about, begun)
+        found = fit(self.builder, whole, starts, self.prior, False, hopeless, about, begun, beat)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}, −2 ln L {found.cost:.1f}")
         return Hypothesis(candidate, label, found, n_option=self._n_option.get(candidate.name, 1))
