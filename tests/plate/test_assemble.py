@@ -388,7 +388,7 @@ def test_rows_in_a_basis_are_made_once_for_places_that_stay_and_anew_in_another_
     assert assembly.rows(vector.clone().requires_grad_()).requires_grad
     twin = copy.copy(assembly)
     twin._buffers = dict(assembly._buffers)
-    twin.seen = 3 * basis
+    twin.seen, twin.everywhere = 3 * basis, 3 * assembly.everywhere
     torch.testing.assert_close(twin.rows(vector), 3 * first)
     assert torch.equal(assembly.rows(vector), first)
     for _ in range(2 * REMEMBERED):

@@ -46,6 +46,7 @@ class Assembly(nn.Module):
     mirror: Tensor | None
     basis: Tensor | None
     seen: Tensor | None
+    everywhere: Tensor | None
     lacking: Tensor | None
     unevenness: Unevenness | None = None
 
@@ -120,11 +121,16 @@ class Assembly(nn.Module):
     def _correct(self, correction: "Correction | None") -> None:
         self.correction = correction
         self.register_buffer("seen", self.basis, persistent=False)
+        self.register_buffer("everywhere", None, persistent=False)
         self.register_buffer("lacking", None, persistent=False)
         if correction is not None and self.basis is not None:
             rows, middle, shape = (part.to(self.basis) for part in correction[:3])
             rows = rows @ self.basis
             self.seen, self.lacking = self.basis + shape @ rows, rows.mT @ (middle @ rows)
+        if self.seen is not None:
+            # What is held does not move.
+            self.everywhere = self.seen.new_zeros(self.mesh.n_dof, self.seen.shape[-1])
+            self.everywhere[self.free] = self.seen
 
     @property
     def size(self) -> int:
@@ -186,9 +192,9 @@ class Assembly(nn.Module):
         return known[2]
 
     def _rows(self, vector: Tensor) -> Tensor:
+        if self.everywhere is not None:
+            return vector @ self.everywhere
         free = vector[..., self.free]
-        if self.seen is not None:
-            return free @ self.seen
         if self.correction is not None:
             free = free + (free @ self.correction.shape.to(free)) @ self.correction.rows.to(free)
         return free
