@@ -7,6 +7,7 @@ from torchplate.discrepancy.judged import Judged, Knowledge
 from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.nuisance import Nuisances
 from torchplate.discrepancy.second_order import SecondOrder
+from torchplate.discrepancy.specimen import Found, OfChannels
 
 SHAPE = (9, 2, 3)
 
@@ -73,6 +74,31 @@ def test_the_cost_is_minus_twice_the_logarithm_of_the_likelihood(residual):
     size = torch.tensor([judged.scale[name] for name in one.names], dtype=torch.float64)
     found = one._cost(float(residual @ residual), one.along(residual), size, judged.noise_scale**2)
     assert found - one._log_variance == pytest.approx(expected)
+
+
+def test_levels_that_were_found_leave_the_likelihood_that_of_what_was_measured():
+    """A model whose level is wrong gains nothing by the noise that is divided with the data."""
+    plain, generator = marginal(), torch.Generator().manual_seed(11)
+    variance, nuisances, fitted = plain._given
+    response, reference = (torch.randn(n, 1, generator=generator, dtype=torch.float64) for n in SHAPE[1:])
+    nothing = [torch.zeros_like(one) for one in (response, reference)]
+    channels = OfChannels(response, reference, *nothing, ("level",), ("level",), level=0.3)
+    empty = torch.zeros(0, dtype=torch.float64)
+    about = Found(empty, empty[:, None], channels)
+    one = Marginal(variance, nuisances, fitted, {}, Knowledge(), about=about)
+    level = channels.level_of_pairs()
+    assert float((level - 1).abs().min()) > 0.02
+    measured = complex_normal(generator, *SHAPE)
+    found = one.cost(one.over_noise(measured / level))
+    # Of y itself: y = level (H + J ν) + e.
+    columns = plain.across(torch.eye(len(plain.group), dtype=torch.float64)).mT
+    both = torch.ones(*SHAPE, 2, dtype=torch.float64)
+    std, times = ((part[..., None] * both).flatten() for part in (variance.sqrt(), level))
+    inside = times[:, None] * std[:, None] * columns
+    whole = torch.diag(std.square()) + inside @ inside.mT
+    residual = torch.view_as_real(measured).flatten()
+    expected = float(torch.logdet(whole) + residual @ torch.linalg.solve(whole, residual))
+    assert found == pytest.approx(expected)
 
 
 def test_the_information_is_that_of_the_whole_covariance(residual):

@@ -4,6 +4,8 @@ y = H(θ) + J ν + e, e ~ N(0, κ² D) with D diagonal, ν ~ N(0, S), S = diag(s
 
     y − H ~ N(0, κ² D + J S Jᵀ).
 
+About levels ℓ of the FRFs that were found, y = ℓ (H + J ν) + e: residuals are those of y / ℓ, whose noise is D / ℓ².
+
 Residuals are taken over √D first. With G = JᵀJ, c = Jᵀr and K = S^½ G S^½ / κ², the likelihood is
 
     −2 ln p = n ln κ² + rᵀr / κ² + ln |I + K| − (S^½c/κ²)ᵀ (I + K)⁻¹ (S^½c),
@@ -64,12 +66,15 @@ class Marginal:
         self._n_off = 0 if nuisances is None else nuisances.n_off
         self.scale = dict(scale or {})
         self._second_order = 0.0
+        # Levels that were found are taken off what was measured, noise and all: ln p is that of what was measured.
+        of_level = self._power_of_levels(variance)
+        variance = variance / of_level
         if nuisances is not None:
             plain, variance = variance, variance + nuisances.second_order.variance(self.scale)
             self._second_order = float((1 - plain / variance)[:, fitted].mean())
         self.weight = torch.where(fitted, variance.rsqrt(), 0.0)
         self.n = 2.0 * len(variance) * int(fitted.sum())
-        self._log_variance = 2 * float(variance[:, fitted].log().sum())
+        self._log_variance = 2 * float((variance * of_level)[:, fitted].log().sum())
         self.freedom, self.knowledge = freedom, knowledge
         parts = (None, None, None) if nuisances is None else nuisances[:3]
         common, own, other = (self._weighed(part) for part in parts)
@@ -97,6 +102,13 @@ class Marginal:
         self.gram = self._gram(own, other)
         scales = [self.scale.get(name, 1.0) for name in self.names]
         self._half = self._whitener(self._root(torch.tensor(scales, dtype=torch.float64)))
+
+    def _power_of_levels(self, like: Tensor) -> Float[Tensor, "n_response n_reference"]:
+        """Squares of the levels of each FRF about which residuals are taken."""
+        one = like.new_ones(like.shape[1:])
+        if self.about is None or self.about.channels is None:
+            return one
+        return one * self.about.channels.level_of_pairs().square().clamp(min=1e-12)
 
     def rescaled(self, scale: Mapping[str, float]) -> "Marginal":
         """The same with nuisances of another size."""
