@@ -23,8 +23,8 @@ MAY_USE |= {"cli": {*ROW, "search", "bench", "diagnosis", "identification", "pla
 MAY_USE |= {"studies": {*MAY_USE["cli"], "studies"}}
 # `torchplate --help` waits for nothing, so that the front of this room imports nothing: the studies name its modules.
 NO_FRONT = {"cli"}
-# What only one file may import, and which.
-ONLY = {"yaml": "cli/config.py", "pydantic": "cli/schema.py", "tensorboard": "cli/log.py"}
+# What only one file, or one alcove, may import, and which.
+ONLY = {"yaml": "cli/config.py", "pydantic": "cli/schema/", "tensorboard": "cli/log.py"}
 VAGUE = {"utils", "util", "misc", "helpers", "helper", "common", "core", "base", "manager"}
 FILES = sorted(ROOT.rglob("*.py"))
 ROOMS = sorted(path.parent for path in ROOT.rglob("__init__.py") if path.parent != ROOT)
@@ -100,7 +100,8 @@ def test_no_file_imports_the_whole_package(path):
 @pytest.mark.parametrize("package", ONLY)
 def test_one_file_alone_knows_each_outer_format(package):
     users = {name(path) for path in FILES if any(package in module.split(".") for module in imports(path))}
-    assert users == {ONLY[package]}
+    assert users
+    assert all(user.startswith(ONLY[package]) for user in users)
 
 
 @pytest.mark.parametrize("path", FILES, ids=name)

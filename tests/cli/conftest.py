@@ -13,8 +13,9 @@ import torch
 from rich.console import Console
 
 from torchplate.cli.build import load_model
+from torchplate.cli.found import Found
 from torchplate.cli.main import main
-from torchplate.cli.run import Found, run
+from torchplate.cli.run import run
 from torchplate.measurement import SI_UNIT, Channel, Measurement
 
 # What the plate is, and the intervals it lies in.

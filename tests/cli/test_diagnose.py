@@ -12,9 +12,10 @@ from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from torchplate.cli.build import load_model, load_run
-from torchplate.cli.diagnose import diagnose, tolerances
+from torchplate.cli.diagnose import diagnose
 from torchplate.cli.main import main
 from torchplate.cli.plan import plan, read_doubts
+from torchplate.cli.plate_test import tolerances
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import SI_UNIT, Channel, Measurement
 from torchplate.planning import Lab

@@ -9,8 +9,9 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from torchplate.cli.build import SEARCHES, load_run
+from torchplate.cli.build import load_run
 from torchplate.cli.compare import compare
+from torchplate.cli.searches import SEARCHES
 from torchplate.measurement import Measurement
 from torchplate.search import OPTIMIZERS, LeastSquaresStatus
 

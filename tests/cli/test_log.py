@@ -11,9 +11,9 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from tensorboard.plugins.custom_scalar.layout_pb2 import Layout
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
-from torchplate.cli.build import SEARCHES
 from torchplate.cli.heartbeat import Heartbeat
 from torchplate.cli.layout import problem_named
+from torchplate.cli.searches import SEARCHES
 
 ONE = ["plate.youngs_modulus"]
 

@@ -12,26 +12,12 @@ import torch
 from torchplate.cli.build import load_run
 from torchplate.cli.main import main
 from torchplate.measurement import Channel, Measurement, read_measurement, write_uff
+from torchplate.studies.chairs import ROVED
 
-SIDES = (0.42, 0.3)
-TRUTH = {
-    "mesh": {"length_x": SIDES[0], "length_y": SIDES[1], "n_x": 4, "n_y": 2},
-    "effects": {
-        "plate": {
-            "effect": "plate", "youngs_modulus": 70.5e9, "poisson_ratio": 0.33, "density": 2700.0, "thickness": 0.003,
-        },
-        "loss": {"effect": "hysteretic_damping", "stiffness_loss_factor": 0.008},
-    },
-    "modal_test": {
-        "analyser": {
-            "like": "sr785", "span": 400.0, "n_line": 400, "force_window": None, "exponential_window": None,
-            "n_pre_trigger": 32, "n_average": 2,
-        },
-        "response": [1],
-        "refine": 4,
-        "seed": 3,
-    },
-}  # fmt: skip
+# The roving-hammer test of the studies' second chair, without its magnet, and with a quarter of its lines.
+SHORT = {"modal_test": ROVED["modal_test"] | {"analyser": ROVED["modal_test"]["analyser"] | {"n_line": 400}}}
+TRUTH = ROVED | {"effects": {label: body for label, body in ROVED["effects"].items() if label != "magnet"}} | SHORT
+SIDES = (TRUTH["mesh"]["length_x"], TRUTH["mesh"]["length_y"])
 Place = tuple[float, float, float]
 
 

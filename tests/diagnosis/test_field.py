@@ -19,7 +19,7 @@ SILENT = {"say": lambda _: None}
 
 class TestGrid:
     def test_a_plate_has_as_many_nodes_as_a_square_one_and_equal_spacings(self):
-        square, strip = Grid.of(Mesh(0.4, 0.4, 4, 4), 7), Grid.of(Mesh(0.8, 0.2, 4, 4), 7)
+        square, strip = (Grid.of(mesh, SETTINGS.inferring) for mesh in (Mesh(0.4, 0.4, 4, 4), Mesh(0.8, 0.2, 4, 4)))
         assert (square.n_x, square.n_y, square.square) == (7, 7, True)
         assert (strip.n_x, strip.n_y, strip.square) == (13, 4, False)
         assert float(strip.area.sum()) == pytest.approx(1.0)
@@ -81,10 +81,10 @@ class TestStrength:
         generator = torch.Generator().manual_seed(2)
         jacobian = torch.randn(40, 6, generator=generator, dtype=torch.float64)
         true = torch.tensor([2.0, -1.0, 0.5, -3.0, 0.0, 1.0], dtype=torch.float64)
-        x, _ = solved(jacobian.mT @ jacobian, -jacobian.mT @ jacobian @ true, 5)
+        x, _ = solved(jacobian.mT @ jacobian, -jacobian.mT @ jacobian @ true, SETTINGS.inferring, 5)
         assert bool((x[1:] > -1e-6).all())
         # The first may be anything.
-        other, _ = solved(jacobian.mT @ jacobian, jacobian.mT @ jacobian @ true, 5)
+        other, _ = solved(jacobian.mT @ jacobian, jacobian.mT @ jacobian @ true, SETTINGS.inferring, 5)
         assert float(other[0]) < -1
 
 

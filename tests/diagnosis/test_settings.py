@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import torchplate
+from torchplate.diagnosis.change.settings import ChangeSettings
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.table.settings import TableSettings
 
@@ -17,12 +18,8 @@ NUMERICS = {
     *("ON_NODE", "TINY", "N_DELAY", "N_TURN", "POLISH", "N_LINE", "QUANTILE", "UNIFORM", "PARALLEL"),
     *("ENDS", "INDEPENDENT", "ON_BOUND", "STEP", "AT_ONCE", "SHORT"),
 }
-STAGES = [*(type(getattr(SETTINGS, stage.name)) for stage in dataclasses.fields(SETTINGS)), TableSettings]
-STAGES.append(type(SETTINGS.meshes.searching))
-
-
-# Numbers of the field and of changes between tables that somebody chose, and that belong into settings still.
-UNSETTLED = {"FAINT", "UNSEEN", "LONGEST", "SQUARE", "FAR", "WIDE", "SURE", "N_HELD", "HELD", "SAME"}
+STAGES = [*(type(getattr(SETTINGS, stage.name)) for stage in dataclasses.fields(SETTINGS))]
+STAGES += [type(SETTINGS.meshes.searching), TableSettings, ChangeSettings]
 
 
 def numbers(path: Path) -> set[str]:
@@ -40,7 +37,7 @@ def numbers(path: Path) -> set[str]:
 
 def test_no_number_that_somebody_chose_stands_at_the_head_of_a_module():
     found = set().union(*(numbers(path) for path in ROOMS[0].rglob("*.py")))
-    assert found == NUMERICS | UNSETTLED
+    assert found == NUMERICS
 
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.__name__)

@@ -5,16 +5,17 @@ from dataclasses import replace
 import pytest
 import torch
 
+from torchplate.diagnosis.before_and_after import verdict_of
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.naming import _chance
 from torchplate.diagnosis.remarks import all_remarks, missing_still, nothing_but_chance
-from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
+from torchplate.diagnosis.selection.criterion import Choice, Hypothesis, is_explained
 from torchplate.diagnosis.selection.screen import Scored
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
-from torchplate.diagnosis.summary import _finer_mesh, _on_symmetry, _table, _verdict
+from torchplate.diagnosis.summary import _finer_mesh, _on_symmetry, _table
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement.noise import noise_level
@@ -57,7 +58,7 @@ class Ended:
 )
 def test_the_verdict_follows_from_what_is_left(lab, off, n_named, expected):
     ended = Ended(lab, off, n_named=n_named)
-    assert _verdict(ended.builder, ended.state) == expected
+    assert verdict_of(bool(n_named), is_explained(ended.state.fit, ended.builder.target)) == expected
     said = missing_still(ended.builder, ended.noise, ended.state, expected)
     if off:
         # 0.2 of what the model says is 0.2 / 1.2 of what was measured.

@@ -11,7 +11,7 @@ from torchplate.cli.main import main as torchplate
 from torchplate.cli.main import parser
 from torchplate.effects import HystereticDamping, Plate
 from torchplate.measurement import Layout, read_measurement
-from torchplate.model import PlateModel
+from torchplate.model import PlateModel, extrapolate
 from torchplate.plate import Mesh
 from torchplate.studies import chairs
 
@@ -46,7 +46,8 @@ def test_the_wav_files_hold_the_plate_s_own_frfs(tmp_path):
     found = frf([path], tmp_path / "hits.npz", told, Console(file=StringIO()))
     known = {f"plate.{name}": value for name, value in chairs.STEEL.items()}
     known["loss.stiffness_loss_factor"] = chairs.LOSS
-    model = PlateModel(Mesh(*chairs.SIDES, 16, 12), {"plate": Plate(), "loss": HystereticDamping()}, known, {})
+    given = PlateModel(Mesh(*chairs.SIDES, 24, 18), {"plate": Plate(), "loss": HystereticDamping()}, known, {})
+    model = extrapolate(given, 400.0).model
     band = (found.frequency > 40) & (found.frequency < 400)
     line = found.frequency[band]
     places = [

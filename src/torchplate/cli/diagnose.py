@@ -11,12 +11,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from torchplate.cli.build import Run, load_run
-from torchplate.cli.config import Known, dump, quantity
+from torchplate.cli.config import dump
 from torchplate.cli.descents import DescentFile, depends_on
+from torchplate.cli.device import device_named
 from torchplate.cli.diagnose_change import diagnose_change
 from torchplate.cli.folder import DESCENTS, HYPOTHESES, check_free, diagnosis_folder, open_folder, relocated
 from torchplate.cli.occupied import occupied
-from torchplate.cli.run import device_named
+from torchplate.cli.plate_test import plate_test
 from torchplate.cli.writing import write_files, write_text
 from torchplate.diagnosis import SCHEMA as OF_HYPOTHESES
 from torchplate.diagnosis import Diagnosis
@@ -83,26 +84,11 @@ def diagnose(
             write(run, found, where, report, f"{config}{f' --since {since}' if since is not None else ''}")
             _say(console, found, where, CHANGES)
 
-        return diagnose_change(config, since, out, overrides, device_named(device), console, force, tolerances, written)
+        return diagnose_change(config, since, out, overrides, device_named(device), console, force, written)
     folder = diagnosis_folder(recipe, out, resume)
     check_free(folder, "diagnose", force=force, resume=resume)
-    recipe.check_memory(finer=2)  # that the mesh error is taken off by
-    where = device_named(device)
-    model = recipe.model_as_given().to(where)
-    evidence = recipe.evidence(model)
-    if evidence.measurement is not None and (evidence.natural_frequencies or evidence.modal_model) is not None:
-        raise recipe.error(
-            "measurement",
-            "Expected FRFs or natural frequencies for a diagnosis, got both. Take one of them out.",
-        )
-    if evidence.measurement is not None:
-        recipe.told("effects", model.check_channels)
-    if (table := evidence.natural_frequencies) is not None and int(table.mode.max()) > model.assembly.size:
-        raise recipe.error(
-            "measurement.natural_frequencies",
-            f"Expected modes up to {model.assembly.size}, as many as the mesh has, got mode {int(table.mode.max())}. "
-            "Raise mesh.refine, or leave it out.",
-        )
+    paired: list[str] = []
+    test = plate_test(recipe, device_named(device), paired.append)
     kept = DescentFile(folder / DESCENTS, depends_on(recipe, device))
     past = kept.read() if resume else []
     with occupied(folder):
@@ -111,28 +97,21 @@ def diagnose(
         if resume:
             what = f"{len(past)} descents are taken over" if past else "nothing was kept: the diagnosis begins anew"
             console.print(f"  From {folder}: {what}.", highlight=False, markup=False, soft_wrap=True)
-        for note in recipe.remarks(model):
-            console.print(f"  Note: {note}", markup=False, highlight=False, soft_wrap=True)
-        measurement = None if evidence.measurement is None else evidence.measurement.to(where)
-        table = evidence.natural_frequencies
-        if (modal := evidence.modal_model) is not None:
-            table = modal.table(
-                model, lambda text: console.print(f"  {text}", markup=False, highlight=False, soft_wrap=True)
-            )
-        table = None if table is None else table.to(where)
+        for line in (*(f"Note: {note}" for note in recipe.remarks(test.model)), *paired):
+            console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
         with recalling(Recall(past, kept.keep)):
             found = find_missing(
-                model,
-                measurement,
-                table,
-                tolerance=tolerances(recipe),
-                n_average=evidence.n_average,
-                gain_is_unknown=evidence.gain_is_unknown,
-                imperfections=recipe.imperfections(),
+                test.model,
+                test.measurement,
+                test.natural_frequencies,
+                tolerance=dict(test.tolerance),
+                n_average=test.n_average,
+                gain_is_unknown=test.gain_is_unknown,
+                imperfections=test.imperfections,
                 seed=recipe.config.search.seed,
                 say=lambda text: console.print(f"  {text}", style="dim", highlight=False, markup=False),
             )
-        write(recipe, found, folder, report, str(config), evidence.modal_model)
+        write(recipe, found, folder, report, str(config), recipe.modal_evidence(test.model))
         # There is nothing more to go on from.
         (folder / DESCENTS).unlink(missing_ok=True)
         _say(console, found, folder)
@@ -140,19 +119,6 @@ def diagnose(
             said = f"Next: `torchplate plan {config}` scores what further tests would tell of the name."
             console.print(f"  {said}", highlight=False, markup=False, soft_wrap=True)
         return found
-
-
-def tolerances(recipe: Run) -> dict[str, float]:
-    """How well the config's numbers are known: "label.parameter", "mesh.length_x" → standard deviation."""
-    sides = {f"mesh.{side}": getattr(recipe.config.mesh, side).std for side in ("length_x", "length_y")}
-    found = {key: std for key, std in sides.items() if std > 0}
-    for label, body in recipe.config.effects.items():
-        for name, value in body.items():
-            if isinstance(value, Mapping) and "value" in value:
-                number = quantity(value)
-                if isinstance(number, Known) and number.std > 0:
-                    found[f"{label}.{name}"] = number.std
-    return found
 
 
 def write(

@@ -10,7 +10,8 @@ from rich.markup import escape
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.folder import check_free, diagnosis_folder, open_folder
 from torchplate.cli.occupied import occupied
-from torchplate.diagnosis import Diagnosis, PlateTest, what_changed
+from torchplate.cli.plate_test import plate_test
+from torchplate.diagnosis import Diagnosis, what_changed
 
 Write = Callable[[Run, Diagnosis, Path], None]
 
@@ -23,7 +24,6 @@ def diagnose_change(
     device: Any,
     console: Console,
     force: bool,
-    tolerances: Callable[[Run], dict[str, float]],
     write: Write,
 ) -> Diagnosis:
     """Diagnose what has changed, and write diagnosis.json, model.yaml and the report for every later test.
@@ -36,7 +36,6 @@ def diagnose_change(
         device: where the tensors live.
         console: where progress goes.
         force: write over what an earlier diagnosis has left.
-        tolerances: how well a config's numbers are known.
         write: writes one diagnosis.
 
     Returns:
@@ -49,7 +48,7 @@ def diagnose_change(
     before, later = _tests(recipe, since)
     folder = diagnosis_folder(recipe, out, resume=False)
     check_free(folder, "diagnose", force=force)
-    reference = _test(before[0], before[1], device, tolerances)
+    reference = plate_test(before[1], device, name=before[0])
     found: Diagnosis | None = None
     with occupied(folder):
         open_folder(recipe, folder, str(device), "diagnose", force=force)
@@ -61,7 +60,7 @@ def diagnose_change(
         for name, run, own in later:
             for note in run.remarks(run.model_as_given()):
                 console.print(f"  Note: {note}", markup=False, highlight=False, soft_wrap=True)
-            test = _test(name, run, device, tolerances)
+            test = plate_test(run, device, name=name)
             seed = recipe.config.search.seed
             found = run.told("measurement", lambda: what_changed(reference, test, own=own, seed=seed, say=say))  # noqa: B023
             if len(later) > 1:
@@ -90,35 +89,3 @@ def _tests(recipe: Run, since: Path | str | None) -> tuple[tuple[str, Run], list
     first, *others = recipe.states
     own = set(first.own)
     return (first.name, first.run), [(one.name, one.run, tuple(own | set(one.own))) for one in others]
-
-
-def _test(name: str, run: Run, device: Any, tolerances: Callable[[Run], dict[str, float]]) -> PlateTest:
-    """A test as its config has it."""
-    run.check_memory(finer=2)
-    model = run.model_as_given().to(device)
-    evidence = run.evidence(model)
-    if evidence.measurement is not None and (evidence.natural_frequencies or evidence.modal_model) is not None:
-        raise run.error(
-            "measurement", "Expected FRFs or natural frequencies for a diagnosis, got both. Take one of them out."
-        )
-    table = evidence.natural_frequencies
-    if evidence.modal_model is not None:
-        table = evidence.modal_model.table(model, lambda _: None)
-    if table is not None and int(table.mode.max()) > model.assembly.size:
-        raise run.error(
-            "measurement.natural_frequencies",
-            f"Expected modes up to {model.assembly.size}, as many as the mesh has, got mode {int(table.mode.max())}. "
-            "Raise mesh.refine, or leave it out.",
-        )
-    if evidence.measurement is not None:
-        run.told("effects", model.check_channels)
-    return PlateTest(
-        model,
-        None if evidence.measurement is None else evidence.measurement.to(device),
-        None if table is None else table.to(device),
-        tolerances(run),
-        evidence.n_average,
-        evidence.gain_is_unknown,
-        run.imperfections(),
-        name,
-    )

@@ -10,11 +10,12 @@ from rich.table import Table
 
 from torchplate.cli.build import Run, load_run
 from torchplate.cli.config import InputError
-from torchplate.cli.diagnose import diagnose, tolerances
+from torchplate.cli.device import device_named
+from torchplate.cli.diagnose import diagnose
 from torchplate.cli.folder import HYPOTHESES, check_free, diagnosis_folder, has_ended, relocated
 from torchplate.cli.occupied import occupied
 from torchplate.cli.plan_text import compose, in_words
-from torchplate.cli.run import device_named
+from torchplate.cli.plate_test import plate_test
 from torchplate.cli.writing import write_text
 from torchplate.diagnosis import Doubt
 from torchplate.planning import Lab, Plan
@@ -67,9 +68,8 @@ def plan(
             f"--from {folder}: Expected a diagnosis of {recipe.path} as it is, got one of another mesh, model or "
             f"measurement. Plan from {folder / 'config.yaml'}, give the same --set, or leave --from out."
         )
-    model = recipe.model_as_given()
-    evidence = recipe.evidence(model)
-    if evidence.measurement is None or not doubts:
+    test = plate_test(recipe)
+    if test.measurement is None or not doubts:
         raise recipe.error(
             "measurement",
             "Expected FRFs for a plan, got a table of natural frequencies or mode shapes. Measure FRFs, or follow what "
@@ -81,19 +81,19 @@ def plan(
             "explains. Do what it says under next_measurements."
         )
     console.print(f"[bold]{escape(recipe.path.stem)}[/]: {in_words(doubts)}", highlight=False, soft_wrap=True)
-    measurement = evidence.measurement
+    measurement = test.measurement
     with occupied(where):
         found = recipe.told(
             "plan",
             lambda: find_next(
-                model,
+                test.model,
                 measurement,
                 doubts,
                 lab=lab,
-                tolerance=tolerances(recipe),
-                n_average=evidence.n_average,
-                gain_is_unknown=evidence.gain_is_unknown,
-                imperfections=recipe.imperfections(),
+                tolerance=dict(test.tolerance),
+                n_average=test.n_average,
+                gain_is_unknown=test.gain_is_unknown,
+                imperfections=test.imperfections,
                 seed=recipe.config.search.seed,
                 say=lambda text: console.print(f"  {text}", style="dim", highlight=False, markup=False),
             ),

@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 
-from torchplate.cli.build import SEARCHES
 from torchplate.cli.config import InputError
 from torchplate.cli.schema import Config, Known, StateConfig, Unknown, model_in
+from torchplate.cli.searches import SEARCHES
 from torchplate.discrepancy import OBJECTIVES
 from torchplate.measurement import ANALYSERS, Analyser, Hammer
 from torchplate.nearest import did_you_mean

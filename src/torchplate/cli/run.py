@@ -2,53 +2,28 @@
 
 import json
 import shlex
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import torch
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
-from torchplate.cli.build import SEARCHES, Run, load_run
-from torchplate.cli.config import InputError
+from torchplate.cli.build import Run, load_run
+from torchplate.cli.device import device_named
 from torchplate.cli.folder import check_free, open_folder, read_checkpoint, run_folder
-from torchplate.cli.gathered import histories
-from torchplate.cli.heartbeat import Heartbeat
+from torchplate.cli.found import Found, described, logged, say, settings_of, written, written_of_numbers
 from torchplate.cli.layout import problem_named
 from torchplate.cli.log import RunLog
 from torchplate.cli.memory import without_basis
 from torchplate.cli.occupied import occupied
+from torchplate.cli.progress import shown
 from torchplate.cli.ranks import Ranks, Shared
 from torchplate.cli.run_states import run_states
-from torchplate.cli.writing import write_files, write_text
 from torchplate.discrepancy import Objective
-from torchplate.identification import Identified, Job, Result, Settings, evaluated, identified
-from torchplate.model import PlateModel
-from torchplate.report import frf_figures, model_report, run_report
+from torchplate.identification import Job, identified
 from torchplate.search import Checkpoint, LeastSquares, Optimizer, Outcome
-from torchplate.search import Progress as SearchProgress
-
-
-@dataclass(frozen=True)
-class Found:
-    """What a run ended with.
-
-    Attributes:
-        folder: the run's folder.
-        result: the content of result.json.
-        caveats: what a user must know before trusting the values, one sentence each.
-        remarks: what was said before the search: of the file, of units, of what cannot belong together.
-    """
-
-    folder: Path
-    result: dict[str, Any]
-    caveats: list[str]
-    remarks: tuple[str, ...] = ()
 
 
 def run(
@@ -101,8 +76,8 @@ def run(
         for note in remarks:
             console.print(f"  Note: {note}", markup=False, highlight=False, soft_wrap=True)
         if objective is None:
-            return replace(_evaluated(recipe, model, folder, console), remarks=remarks)
-        console.print(f"[bold]{escape(recipe.path.stem)}[/]: {escape(_described(objective))}")
+            return replace(written_of_numbers(recipe, model, folder, console), remarks=remarks)
+        console.print(f"[bold]{escape(recipe.path.stem)}[/]: {escape(described(objective))}")
         if resume and checkpoint is None:
             console.print(
                 f"  No generation was finished in {folder}: the search begins anew.", markup=False, soft_wrap=True
@@ -134,7 +109,7 @@ def _run_states(
     def search(job: Job) -> Outcome:
         nonlocal log
         log = RunLog(folder, job.objective.model.names)
-        return _search(recipe, Shared(job, folder, ""), log, console, None, figures=False)
+        return shown(recipe, Shared(job, folder, ""), log, console, None, figures=False)
 
     try:
         found, remarks = run_states(
@@ -144,7 +119,7 @@ def _run_states(
         if log is not None:
             log.close()
     result = json.loads((folder / "result.json").read_text())
-    _say(console, folder, result, found.result.caveats)
+    say(console, folder, result, found.result.caveats)
     return Found(folder, result, found.result.caveats, remarks)
 
 
@@ -181,7 +156,7 @@ def _identified(
     def search(job: Job) -> Outcome:
         nonlocal log
         log = RunLog(folder, names, None if checkpoint is None else int(checkpoint["generation"]), problem)
-        return _search(recipe, Shared(job, folder, command), log, console, ranks)
+        return shown(recipe, Shared(job, folder, command), log, console, ranks)
 
     def check(searched: Objective) -> None:
         if (told := without_basis(searched.model.assembly.size)) is not None:
@@ -197,18 +172,13 @@ def _identified(
             say=lambda text: console.print(f"  {text}", markup=False),
             prepared=check,
         )
-        found = _written(recipe, end, folder, console)
+        found = written(recipe, end, folder, console)
         if log is not None and end.outcome is not None:
-            _logged(recipe, log, end, int(end.outcome.n_evaluation.max()))
+            logged(recipe, log, end, int(end.outcome.n_evaluation.max()))
     finally:
         if log is not None:
             log.close()
     return found
-
-
-def settings_of(recipe: Run) -> Settings:
-    """The part of a config's search that is not the optimiser's own."""
-    return Settings(**{field.name: getattr(recipe.config.search, field.name) for field in fields(Settings)})
 
 
 def follow(ranks: Ranks) -> None:
@@ -224,157 +194,3 @@ def _command(path: Path | str, folder: Path, overrides: Sequence[str], device: s
     if device != "cpu":
         words += ["--device", device]
     return shlex.join([*words, "--resume"])
-
-
-def _search(
-    recipe: Run, shared: Shared, log: RunLog, console: Console, ranks: Ranks | None, figures: bool = True
-) -> Outcome:
-    """The search, with its progress on the screen and in the log."""
-    settings, job = recipe.config.search, shared.job
-    searched, checkpoint = job.objective, job.checkpoint
-    model = searched.model
-    if ranks is not None:
-        console.print(f"  {ranks.size} processes share each generation")
-        ranks.tell(shared)
-    columns = (
-        TextColumn("  {task.description}"),
-        BarColumn(),
-        TextColumn("generation {task.completed}/{task.total}  best {task.fields[best]:.6g}  {task.fields[rate]:.0f}/s"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    n_figure, n_panel = recipe.config.log.n_figure, recipe.config.log.n_panel
-    drawn_at = {settings.n_generation * turn // n_figure for turn in range(1, n_figure)} if figures else set()
-    bar = Progress(*columns, console=console, disable=not console.is_terminal)
-    with bar, Heartbeat(console, settings.n_generation) as line:
-        task = bar.add_task(settings.optimizer, total=settings.n_generation, best=float("inf"), rate=0.0)
-        began, before = time.monotonic(), 0 if checkpoint is None else int(checkpoint["ledger.n_evaluation"].sum())
-
-        def report(progress: SearchProgress) -> None:
-            theta = model.space.to_si(progress.best_position)
-            log.generation(progress, theta)
-            rate = (int(progress.n_evaluation.sum()) - before) / max(time.monotonic() - began, 1e-9)
-            best = int(progress.best_objective.argmin())
-            bar.update(task, completed=progress.generation, best=float(progress.best_objective[best]), rate=rate)
-            line.beat(progress.generation, float(progress.best_objective[best]), rate)
-            step = int(progress.n_evaluation[best])
-            if progress.generation in {0, *drawn_at}:
-                log.gap(float(searched.gap(theta[best])), step)
-            if progress.generation in drawn_at:
-                for tag, figure in frf_figures(searched, theta[best], n_panel).items():
-                    log.figure(tag, figure, step)
-
-        return job.search(report, None if ranks is None else ranks.group)
-
-
-def _written(recipe: Run, end: Identified, folder: Path, console: Console) -> Found:
-    """Write the result, the report and its figures, and print them."""
-    result = content(recipe, end.result)
-    write_text(folder / "result.json", json.dumps(result, indent=1, allow_nan=False) + "\n")
-    measurement = end.searched.evidence.measurement
-    told = run_report(
-        recipe.path.stem,
-        end.searched,
-        end.result,
-        recipe.config.log.n_panel,
-        None if end.outcome is None else histories([folder]),
-        None if measurement is None else recipe.placement(measurement),
-        f"torchplate run {shlex.quote(str(recipe.path))}",
-    )
-    write_files(folder, told)
-    _say(console, folder, result, end.result.caveats)
-    return Found(folder, result, end.result.caveats)
-
-
-def _logged(recipe: Run, log: RunLog, end: Identified, step: int) -> None:
-    """The last figures, the gap, and the settings beside what they led to."""
-    result, settings = end.result, recipe.config.search
-    n_figure, n_panel = recipe.config.log.n_figure, recipe.config.log.n_panel
-    for tag, figure in frf_figures(end.searched, result.theta, n_panel).items() if n_figure else ():
-        log.figure(tag, figure, step)
-    assert result.gap is not None
-    assert result.objective is not None
-    log.gap(result.gap, step)
-    log.end(result.objective, step)
-    own = {
-        "problem": log.problem,
-        "optimizer": settings.optimizer,
-        "seed": settings.seed,
-        "n_repeat": settings.n_repeat,
-    }
-    results = {"search/best_objective": result.objective, "gap/baseline": result.gap}
-    log.settings(own | vars(recipe.optimizer()), results, all_settings())
-
-
-def _evaluated(recipe: Run, model: PlateModel, folder: Path, console: Console) -> Found:
-    """A config of numbers alone, without a measurement: the model's natural frequencies."""
-    found = evaluated(model, model.known.new_zeros(0), recipe.optimizer(), settings_of(recipe))
-    result = content(recipe, found)
-    write_text(folder / "result.json", json.dumps(result, indent=1, allow_nan=False) + "\n")
-    listed = ", ".join(f"{hertz:.2f}" for hertz in found.natural_frequencies_hz)
-    text = f"Natural frequencies [Hz], undamped, rigid-body modes first: {listed}."
-    write_files(folder, model_report(recipe.path.stem, model, found, f"torchplate run {shlex.quote(str(recipe.path))}"))
-    console.print(f"[bold]{escape(recipe.path.stem)}[/]: {text}\n  Results: {escape(str(folder))}", soft_wrap=True)
-    return Found(folder, result, [])
-
-
-def all_settings() -> dict[str, Any]:
-    """Every setting that some search has, at its default."""
-    return {name: value for kind in SEARCHES.values() for name, value in vars(kind()).items()}
-
-
-def content(recipe: Run, result: Result) -> dict[str, Any]:
-    """`result.json`, with the search as the config has it."""
-    return result.to_dict() | {"search": recipe.config.search.model_dump(mode="json")}
-
-
-def _say(console: Console, folder: Path, result: dict[str, Any], sentences: Sequence[str]) -> None:
-    if result["parameters"]:
-        table = Table("parameter", "value", "standard error", "unit", "", box=None, padding=(0, 2))
-        for name, entry in result["parameters"].items():
-            std = "not seen" if entry["std"] is None else f"{entry['std']:.2g}"
-            table.add_row(
-                escape(name), f"{entry['value']:.6g}", std, entry["unit"], "on its bound" if entry["at_bound"] else ""
-            )
-        console.print(table)
-    if "modes" in result:
-        table = Table("mode", "measured [Hz]", "model [Hz]", "MAC", box=None, padding=(0, 2))
-        for pair in result["modes"]:
-            hertzs = f"{pair['measured_hz']:.2f}", f"{pair['model_hz']:.2f}"
-            table.add_row(str(pair["mode"]), *hertzs, f"{pair['mac']:.3f}")
-        console.print(table)
-    console.print(f"  {result['objective_kind']} {result['objective']:.6g}. {result['fit']}")
-    console.print(f"  {result['optimizer']}: {result['status']}" if result["parameters"] else f"  {result['status']}")
-    for sentence in sentences:
-        console.print(f"  [yellow]Note:[/] {escape(sentence)}")
-    console.print(f"  Results: {folder}", markup=False, soft_wrap=True)
-
-
-def _described(objective: Objective) -> str:
-    evidence, parts = objective.evidence, []
-    if (frfs := evidence.measurement) is not None:
-        first, last = float(frfs.frequency[0]), float(frfs.frequency[-1])
-        parts.append(f"{len(frfs.pairs)} FRFs ({frfs.kind}), {len(frfs.frequency)} lines, {first:g} to {last:g} Hz")
-    if evidence.natural_frequencies is not None:
-        parts.append(f"{len(evidence.natural_frequencies.mode)} natural frequencies")
-    if (modal := evidence.modal_model) is not None:
-        parts.append(f"{len(modal.modal.frequency)} modes with shapes at {len(modal.place)} points")
-    names = ", ".join(objective.model.names) or "nothing"
-    return f"{' and '.join(parts)}; searching {names}"
-
-
-def device_named(name: str) -> torch.device:
-    """The device of that name.
-
-    Raises:
-        InputError: if torch cannot use it.
-    """
-    try:
-        device = torch.device(name)
-        torch.zeros(1, device=device)
-    except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(
-            f"--device {name}: Expected a device that torch can use, got none ({reason}). Use cpu."
-        ) from None
-    return device

@@ -8,9 +8,7 @@ from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.rivals import Doubt, Rival
 from torchplate.diagnosis.selection.criterion import UNIFORM, Choice, weight_of
 from torchplate.diagnosis.selection.trace import State
-
-# A hypothesis with less than this part of the probability is not asked after again [-]: that of a name is told to 1 %.
-FAINT = 0.01
+from torchplate.diagnosis.settings import SETTINGS
 
 
 def doubts_of(final: State) -> tuple[Doubt, ...]:
@@ -26,7 +24,7 @@ def _of_choice(known: Choice) -> Doubt:
     rivals = [
         _rival(one.fit, weight, one.name, one.label, probability)
         for one, probability in known.every
-        if one is known.best or probability > FAINT * known.confidence
+        if one is known.best or probability > SETTINGS.comparison.faint * known.confidence
     ]
     return _doubt(known.best.label, sorted(rivals, key=lambda one: -one.probability), known.best.fit, weight)
 

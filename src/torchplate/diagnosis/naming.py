@@ -1,7 +1,7 @@
 """An effect that is named, with its parameters, its confidence and its evidence in words."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
@@ -45,6 +45,13 @@ def as_named(builder: ModelBuilder, naming: Naming, last: State) -> Named:
         gap_before=before,
         gap_after=after,
     )
+
+
+def remark_on(name: str, effects: Sequence[Named], otherwise: str) -> str:
+    """What the score table says of an effect: that it is named, or equivalent to one that is, or something else."""
+    if any(name == one.name for one in effects):
+        return "named"
+    return "equivalent" if any(name in one.equivalent for one in effects) else otherwise
 
 
 def _chance(naming: Naming) -> str:

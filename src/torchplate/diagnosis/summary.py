@@ -5,20 +5,19 @@ from collections.abc import Sequence
 
 import torch
 
+from torchplate.diagnosis.before_and_after import gap_of, location_of, overlay_of, step_of, verdict_of
 from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.doubts import doubts_of
 from torchplate.diagnosis.judged import Fit
-from torchplate.diagnosis.localisation.localise import localise
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.naming import as_named, estimates
+from torchplate.diagnosis.naming import as_named, estimates, remark_on
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.remarks import all_remarks, missing_still, nothing_but_chance
-from torchplate.diagnosis.result import Diagnosis, Gap, Location, Named, Overlay, Scored, Step, Verdict
+from torchplate.diagnosis.result import Diagnosis, Named, Scored, Step
 from torchplate.diagnosis.selection.criterion import evidence, is_explained, weight_of
 from torchplate.diagnosis.selection.screen import twins
-from torchplate.diagnosis.selection.trace import Ranked, State, Trace
+from torchplate.diagnosis.selection.trace import Ranked, Trace
 from torchplate.discrepancy import percent
-from torchplate.measurement import Noise
 from torchplate.model import PlateModel
 
 
@@ -30,8 +29,9 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
         seconds: that it took.
     """
     builder, noise, baseline, final = seen.builder, seen.noise, seen.baseline, seen.final
-    verdict = _verdict(builder, final)
+    verdict = verdict_of(bool(final.named), is_explained(final.fit, builder.target))
     finer = _finer_mesh(seen)
+    first = _first(seen, bool(finer))
     effects = tuple(as_named(builder, one, final) for one in final.named)
     sets = [(one.name, *one.equivalent) for one in effects]
     unexplained = verdict in ("unexplained", "partly_explained")
@@ -42,8 +42,8 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
         verdict=verdict,
         # Where nothing of the catalogue accounts for what is missing, a finer mesh is no name for it: it is a remark.
         effects=effects if verdict == "unexplained" else (*finer, *effects),
-        gap=_gap(builder, _first(seen, bool(finer)), final.fit),
-        location=_location(builder, baseline, final),
+        gap=gap_of(builder.target, first, final.fit),
+        location=location_of(builder.target, baseline.fit, final.fit),
         scores=tuple(_table(one, effects, builder) for one in seen.rankings),
         steps=_steps(seen, bool(finer)),
         missing=missing_still(builder, noise, final, verdict),
@@ -55,7 +55,7 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
         next_measurements=tuple(next_measurements(sets, unexplained, few, symmetric)),
         parameters=estimates(final.fit),
         model=builder.finished(final.fit.model, final.fit.theta),
-        overlay=_overlay(builder, noise, _first(seen, bool(finer)), final.fit),
+        overlay=overlay_of(builder.target, noise, first, final.fit),
         n_evaluation=builder.n_evaluation,
         seconds=seconds,
         doubts=doubts_of(final),
@@ -90,28 +90,6 @@ def _finer_mesh(seen: Trace) -> tuple[Named, ...]:
     return (Named("mesh_discretisation", "mesh_discretisation", options, (), settings.finer, {}, text, before, after),)
 
 
-def _verdict(builder: ModelBuilder, final: State) -> Verdict:
-    explained = is_explained(final.fit, builder.target)
-    if not final.named:
-        return "consistent" if explained else "unexplained"
-    return "explained" if explained else "partly_explained"
-
-
-def _gap(builder: ModelBuilder, before: Fit, after: Fit) -> Gap:
-    def one(fit: Fit, heldout: bool) -> float | None:
-        value = float(builder.target.gap(fit.prediction, heldout))
-        return None if math.isnan(value) else value
-
-    return Gap(
-        one(before, False) or 0.0,
-        one(after, False) or 0.0,
-        one(before, True),
-        one(after, True),
-        builder.target.floor,
-        builder.target.expected_gap(after.marginal),
-    )
-
-
 def _first(seen: Trace, finer: bool) -> Fit:
     """What the gap begins with."""
     return seen.given if finer else _on_fine_mesh(seen)
@@ -123,20 +101,16 @@ def _on_fine_mesh(seen: Trace) -> Fit:
 
 
 def _steps(seen: Trace, finer: bool) -> tuple[Step, ...]:
-    builder, final = seen.builder, seen.final
-
-    def one(label: str, fit: Fit) -> Step:
-        held = float(builder.target.gap(fit.prediction, True))
-        gap = float(builder.target.gap(fit.prediction))
-        return Step(label, gap, None if math.isnan(held) else held, fit.reduced_misfit)
-
-    steps = [one("baseline", _first(seen, finer))]
+    target, final = seen.builder.target, seen.final
+    steps = [step_of(target, "baseline", _first(seen, finer))]
     if finer:
-        steps.append(one("+ mesh_discretisation", _on_fine_mesh(seen)))
+        steps.append(step_of(target, "+ mesh_discretisation", _on_fine_mesh(seen)))
     fits = [naming.hypothesis.fit for naming in final.named]
     # The last step is the last model, fitted once more where it has come to.
     fits[-1:] = [final.fit] if fits else []
-    steps += [one(f"+ {naming.hypothesis.name}", found) for naming, found in zip(final.named, fits, strict=True)]
+    steps += [
+        step_of(target, f"+ {naming.hypothesis.name}", found) for naming, found in zip(final.named, fits, strict=True)
+    ]
     return tuple(steps)
 
 
@@ -144,8 +118,6 @@ def _table(ranked: Ranked, effects: Sequence[Named], builder: ModelBuilder) -> t
     """The score table of one ranking: of each effect the option that promises most."""
     alike = twins(ranked.promises)
     refits = {one.name: one for one in sorted(ranked.hypotheses, key=lambda one: -one.cost)}
-    named = {one.name for one in effects}
-    equivalent = {other for one in effects for other in one.equivalent}
     rows: dict[str, Scored] = {}
     for promise, near in zip(ranked.promises, alike, strict=True):
         name = promise.candidate.name
@@ -153,36 +125,15 @@ def _table(ranked: Ranked, effects: Sequence[Named], builder: ModelBuilder) -> t
             continue
         refit = refits.get(name)
         gap = None if refit is None else float(builder.target.gap(refit.fit.prediction))
-        if name in named:
-            remark = "named"
-        elif name in equivalent:
-            remark = "equivalent"
-        elif gap is not None:
-            remark = f"rejected: a refit leaves {percent(gap)}"
+        if gap is not None:
+            why = f"a refit leaves {percent(gap)}"
         elif name in ranked.far:
-            remark = "rejected: fitted to smoothed FRFs, it stays far above the best"
+            why = "fitted to smoothed FRFs, it stays far above the best"
         else:
-            remark = "rejected: promises too little"
+            why = "promises too little"
+        remark = remark_on(name, effects, f"rejected: {why}")
         rows[name] = Scored(name, promise.candidate.options, promise.drop, promise.values, near, gap, remark)
     return tuple(rows.values())
-
-
-def _location(builder: ModelBuilder, baseline: State, final: State) -> Location:
-    target = builder.target
-    return localise(
-        target.measurement,
-        target.variance.sqrt(),
-        baseline.fit.prediction,
-        baseline.fit.reduced,
-        baseline.fit.theta,
-        target.heldout,
-        after=final.fit.prediction,
-    )
-
-
-def _overlay(builder: ModelBuilder, noise: Noise, before: Fit, after: Fit) -> Overlay:
-    target = builder.target
-    return Overlay(target.measurement, noise.std, before.prediction, after.prediction, target.heldout)
 
 
 def _on_symmetry(model: PlateModel) -> bool:

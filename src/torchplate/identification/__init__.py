@@ -5,12 +5,14 @@
 - `job`: the search as one piece of work, the same on every process that shares it; its budget.
 - `polish`: the finish of a search by least squares.
 - `basis_check`: the basis that is searched in, chosen before the search and confirmed at its best member.
+- `evaluation`: what is said of values: of a model alone, of what it is compared with, of the search that found them.
 - `result`: what was found, as result.json holds it; `caveats`: what must be known before it is trusted;
   `fit_quality`: how good the fit is, in words.
 """
 
+from torchplate.identification.evaluation import evaluated
 from torchplate.identification.fit_quality import fit_in_words
-from torchplate.identification.identify import Identified, evaluated, identified, identify, nominal
+from torchplate.identification.identify import Identified, identified, identify, nominal
 from torchplate.identification.identify_states import StatesFound, identify_states
 from torchplate.identification.job import Job, Settings
 from torchplate.identification.result import CORRELATED, Result, Value

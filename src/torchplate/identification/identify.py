@@ -9,19 +9,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.discrepancy import Evidence, ModalEvidence, Objective, sensitivity
-from torchplate.identification.basis_check import TOLERANCE, confirmed, estimated, in_reduced_basis, wanted
-from torchplate.identification.caveats import caveats
+from torchplate.discrepancy import Evidence, ModalEvidence, Objective
+from torchplate.identification.basis_check import confirmed, estimated, in_reduced_basis
+from torchplate.identification.evaluation import compared, off_in_basis, with_search
+from torchplate.identification.identify_states import identify_states
 from torchplate.identification.job import Job, Settings
 from torchplate.identification.polish import polished
-from torchplate.identification.result import MODAL_MODEL, NATURAL_FREQUENCIES, Result, finite, values
+from torchplate.identification.result import Result
 from torchplate.identification.states import States
 from torchplate.measurement import Measurement, ModalModel, NaturalFrequencies, place
-from torchplate.model import DENSE, PlateModel, SparseModel, basis_error
+from torchplate.model import PlateModel
 from torchplate.search import Checkpoint, DifferentialEvolution, LeastSquares, Optimizer, Outcome, Progress
-
-N_FREQUENCY_LISTED = 20
-NOT_SEARCHED = "The model was evaluated: it has no interval to search."
 
 
 class Identified(NamedTuple):
@@ -100,8 +98,6 @@ def identify(
         n_generation, n_evaluation, tolerance, stagnation, target, seed, n_repeat, polish, basis, precision
     )
     if isinstance(model, States):
-        from torchplate.identification.identify_states import identify_states
-
         if measurement is not None or natural_frequencies is not None or modal_model is not None:
             raise ValueError("Expected no measurement beside several states, which have theirs, got one. Leave it out.")
         optimizer = search or DifferentialEvolution()
@@ -175,79 +171,16 @@ def _result(
     settings: Settings,
 ) -> Result:
     """What was found at theta, the best first."""
-    best, found = theta[0], searched(theta)
-    by_squares = isinstance(search, LeastSquares)
-    seen = sensitivity(searched, best, least_squares=by_squares) if objective.model.names else None
-    result = dataclasses.replace(
-        evaluated(objective.model, best, search, settings),
-        parameters=values(searched, best, seen),
-        objective=float(found[0]),
-        objective_kind=kind_of(objective),
-        gap=float(searched.gap(best)),
-        caveats=[] if seen is None else caveats(searched, best, seen),
-        gain=float(searched.gain(best)) if objective.evidence.gain_is_unknown else None,
-        modes=None if (modal := objective.evidence.modal_model) is None else modal.pairs(searched.model, best),
-    )
-    if seen is not None:
-        result = dataclasses.replace(result, correlation=[[finite(one) for one in row] for row in seen.correlation])
-    if outcome is not None:
-        result = dataclasses.replace(
-            result,
-            n_evaluation=int(outcome.n_evaluation.sum()),
-            n_generation=int(outcome.n_generation.max()),
-            status=outcome.status[int(outcome.best_objective.argmin())].value,
-        )
-    if len(theta) > 1:
-        result = dataclasses.replace(result, repeats={"objective": found.tolist(), "theta": theta.tolist()})
+    best = theta[0]
+    result = with_search(compared(objective, searched, best, search, settings), searched, theta, outcome, search)
     if searched is objective:
         return result
-    error = basis_error(objective.model, searched.model, best[None], *wanted(objective))
-    if error > TOLERANCE:
-        result.caveats.append(
-            f"On the full model the best member differs by {error:.1e} from what the reduced basis says. Run again "
-            "with --set search.basis=full."
-        )
+    error, said = off_in_basis(objective, searched, best)
     return dataclasses.replace(
-        result, basis_error=error, basis_error_of_population=estimated(objective, searched, outcome)
-    )
-
-
-def kind_of(objective: Objective) -> str:
-    """The name of what is minimised."""
-    if objective.evidence.measurement is not None:
-        return objective.kind
-    return NATURAL_FREQUENCIES if objective.evidence.modal_model is None else MODAL_MODEL
-
-
-@torch.no_grad()
-def evaluated(
-    model: PlateModel,
-    theta: Float[Tensor, " n_parameter"],
-    search: Optimizer[Any] | LeastSquares,
-    settings: Settings,
-) -> Result:
-    """A model that is neither searched nor compared with anything: its natural frequencies at theta.
-
-    Args:
-        model: the full model.
-        theta: in SI units.
-        search: had there been one.
-        settings: likewise.
-    """
-    modes = SparseModel(model, theta).modes(N_FREQUENCY_LISTED, dense=model.assembly.size <= DENSE)
-    return Result(
-        parameters={},
-        objective=None,
-        objective_kind=None,
-        gap=None,
-        natural_frequencies_hz=modes.frequency[:N_FREQUENCY_LISTED].tolist(),
-        n_evaluation=1,
-        n_generation=0,
-        status=NOT_SEARCHED,
-        seed=settings.seed,
-        optimizer=search.name,
-        search={"optimizer": search.name} | dataclasses.asdict(settings) | dict(vars(search)),
-        theta=theta,
+        result,
+        caveats=result.caveats + said,
+        basis_error=error,
+        basis_error_of_population=estimated(objective, searched, outcome),
     )
 
 

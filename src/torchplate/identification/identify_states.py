@@ -9,15 +9,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.discrepancy import Objective, sensitivity
-from torchplate.identification.basis_check import TOLERANCE, in_reduced_basis, wanted
-from torchplate.identification.caveats import caveats
-from torchplate.identification.identify import evaluated, kind_of
+from torchplate.discrepancy import Objective
+from torchplate.identification.basis_check import in_reduced_basis
+from torchplate.identification.evaluation import compared, off_in_basis, with_search
 from torchplate.identification.job import Job, Settings
-from torchplate.identification.result import Result, Value, finite
+from torchplate.identification.result import Result
 from torchplate.identification.states import States
-from torchplate.model import basis_error
 from torchplate.search import DifferentialEvolution, LeastSquares, Optimizer, Outcome
+
+NOT_SEARCHED = "The models were evaluated: they have no interval to search."
 
 
 @dataclass(frozen=True)
@@ -83,59 +83,19 @@ def _found(
     optimizer: Optimizer[Any] | LeastSquares,
     settings: Settings,
 ) -> StatesFound:
-    best, model = theta[0], states.model
-    by_squares = isinstance(optimizer, LeastSquares)
-    seen = sensitivity(searched, best, least_squares=by_squares) if model.names else None
-    at_bound = model.space.at_bound(best).tolist()
-    values = {
-        name: Value(float(best[k]), finite(seen.std[k]) if seen else None, model.units[k], at_bound[k])
-        for k, name in enumerate(model.names)
-    }
+    best = theta[0]
     parts: dict[str, Result] = {}
-    said: list[str] = [] if seen is None else caveats(searched, best, seen)
+    said: list[str] = []
     for k, (one, small) in enumerate(zip(states.states, searched.states, strict=True)):
         own = states.theta_of(k, best)
-        objective = small.objective
-        part = evaluated(one.objective.model, own, optimizer, settings)
-        parts[one.name] = dataclasses.replace(
-            part,
-            parameters={
-                name: values[joint_name]
-                for name, joint_name in zip(one.objective.model.names, states.names_of(k), strict=True)
-            },
-            objective=float(objective(own)),
-            objective_kind=kind_of(objective),
-            gap=float(objective.gap(own)),
-            gain=float(objective.gain(own)) if objective.evidence.gain_is_unknown else None,
-            status=_status(outcome),
-        )
-        if objective is one.objective or not len(own):
-            continue
-        error = basis_error(one.objective.model, objective.model, own[None], *wanted(one.objective))
-        if error > TOLERANCE:
-            said.append(
-                f"On the full model of state '{one.name}' the best member differs by {error:.1e} from what the reduced "
-                "basis says. Run again with --set search.basis=full."
-            )
-    first = next(iter(parts.values()))
-    whole = dataclasses.replace(
-        first,
-        parameters=values,
-        objective=float(searched(best)),
-        gap=float(searched.gap(best)),
-        theta=best,
-        gain=None,
-        caveats=said,
-        correlation=None if seen is None else [[finite(one) for one in row] for row in seen.correlation],
-        n_evaluation=0 if outcome is None else int(outcome.n_evaluation.sum()),
-        n_generation=0 if outcome is None else int(outcome.n_generation.max()),
-        repeats={"objective": searched(theta).tolist(), "theta": theta.tolist()} if len(theta) > 1 else None,
-    )
-    objectives = {one.name: one.objective for one in searched.states}
-    return StatesFound(whole, parts, objectives)
-
-
-def _status(outcome: Outcome | None) -> str:
-    if outcome is None:
-        return "The models were evaluated: they have no interval to search."
-    return outcome.status[int(outcome.best_objective.argmin())].value
+        parts[one.name] = compared(one.objective, small.objective, own, optimizer, settings)
+        if small.objective is not one.objective and len(own):
+            said += off_in_basis(one.objective, small.objective, own, one.name)[1]
+    first = dataclasses.replace(next(iter(parts.values())), gain=None, modes=None, status=NOT_SEARCHED)
+    whole = with_search(first, searched, theta, outcome, optimizer)
+    whole = dataclasses.replace(whole, caveats=whole.caveats + said)
+    for k, one in enumerate(states.states):
+        pairs = zip(one.objective.model.names, states.names_of(k), strict=True)
+        own_values = {name: whole.parameters[joint] for name, joint in pairs}
+        parts[one.name] = dataclasses.replace(parts[one.name], parameters=own_values, status=whole.status)
+    return StatesFound(whole, parts, {one.name: one.objective for one in searched.states})

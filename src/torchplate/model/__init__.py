@@ -18,7 +18,8 @@
 - `usual_ranges`: sizes and moduli that no plate has, that few have, and the unit that was meant.
 - `arguments`: theta, lines and places as callers give them, checked.
 - `off_marks`: sensors and hits that are not where the sheet has them, and what moves with a sensor.
-- `plate_model`: the torch module that puts them together.
+- `declared_plate`: effects, numbers and channels of a plate as a torch module; `plate_variants`: the same with others,
+  in a basis, or with sensors off their marks; `plate_model`: its modes and FRFs.
 """
 
 from torchplate.effects import Searched
@@ -34,7 +35,8 @@ from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, moda
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes, whiten
 from torchplate.model.modes_at import ModesAt, modes_at
 from torchplate.model.parameter_space import ParameterSpace
-from torchplate.model.plate_model import SINGLE_TOLERANCE, PlateModel
+from torchplate.model.plate_model import PlateModel
+from torchplate.model.plate_variants import SINGLE_TOLERANCE
 from torchplate.model.reduced_basis import reduce, ritz_basis
 from torchplate.model.usual_ranges import impossible, plate_mass, sizes, unusual
 

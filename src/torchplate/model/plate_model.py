@@ -1,28 +1,15 @@
 """The model of one measured plate, as a torch module: parameters in, FRFs and natural frequencies out."""
 
-import copy
 import functools
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 
 import torch
 from jaxtyping import Complex, Float
-from torch import Tensor, nn
+from torch import Tensor
 
-from torchplate.effects import Effect, Plate, Searched, SensorChain
-from torchplate.model.arguments import (
-    Numbers,
-    Point,
-    Points,
-    as_frequency,
-    as_points,
-    as_theta,
-    check_range,
-    limits,
-)
-from torchplate.model.declared import declared
+from torchplate.effects import Effect, SensorChain
+from torchplate.model.arguments import Numbers, Points, as_frequency
 from torchplate.model.frf import (
-    KINDS,
     as_kind,
     direct_receptance,
     joined,
@@ -34,16 +21,12 @@ from torchplate.model.frf import (
 from torchplate.model.modal_solution import modal_solution
 from torchplate.model.modal_sum import MEMBERS_AT_ONCE
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
-from torchplate.model.off_marks import OffMarks, carried_masses
+from torchplate.model.plate_variants import PlateVariants
 from torchplate.model.rearranged import rearranged
-from torchplate.model.shared_modes import SharedModes
-from torchplate.plate import Assembly, Geometry, Local, Mesh, Plan, System, concatenate, transformed
-
-# Greatest error of an FRF in relative norm for which a search is done in single precision; least squares finish it.
-SINGLE_TOLERANCE = 1e-4
+from torchplate.plate import Plan, System, concatenate, transformed
 
 
-class PlateModel(nn.Module):
+class PlateModel(PlateVariants):
     """A plate with its effects; some of their parameters are known, the others are searched.
 
     Called, it is `frf`. Its numbers stay in double precision whatever dtype it is moved to, and results have theta's:
@@ -67,312 +50,9 @@ class PlateModel(nn.Module):
             response or reference is inside a hole.
     """
 
-    known: Tensor
-    limit: Tensor
-
-    def __init__(
-        self,
-        mesh: Mesh,
-        effects: Mapping[str, Effect],
-        known: Mapping[str, float],
-        searched: Mapping[str, Searched] | None = None,
-        response: Sequence[Point] | None = None,
-        reference: Sequence[Point] | None = None,
-        kind: str = "receptance",
-        memory: int = 2**30,
-        assembly: Assembly | None = None,
-    ) -> None:
-        super().__init__()
-        self.effects = dict(effects)
-        self.response, self.reference, self.kind, self.memory = response, reference, kind, memory
-        if sum(isinstance(effect, Plate) for effect in self.effects.values()) != 1:
-            raise ValueError("Expected exactly one effect `plate` in the model, got none or several. Keep one.")
-        # The plate comes first and what changes other effects last, whatever their order in a config.
-        self.effects = dict(sorted(self.effects.items(), key=lambda item: item[1].stage))
-        for effect in self.effects.values():
-            mesh = effect.discretise(mesh)
-        for name, points in (("response", response), ("reference", reference)):
-            if mesh.cut and points is not None:
-                mesh.check_on_plate(mesh.places(as_points(points, name)).tolist())
-        self.mesh = mesh
-        values, self._searched, self.space = declared(self.effects, known, searched or {})
-        self.register_buffer("known", torch.tensor(values, dtype=torch.float64))
-        self.register_buffer("limit", limits(self.space, self._searched), persistent=False)
-        self.assembly = Assembly(mesh) if assembly is None else assembly
-        self.shared_modes: SharedModes | None = None
-        self.couples_modes, self.in_single = True, False
-        self.damping_factor: Tensor | None = None
-        self.off_marks: OffMarks | None = None
-        # Made now, because what is first made inside a torch.func transform belongs to that transform.
-        for name, member in vars(Mesh).items():
-            if isinstance(member, functools.cached_property):
-                getattr(mesh, name)
-        # Nobody is asked for channels yet; a place that is none is near no label.
-        nowhere = self.known.new_full((1, 2), math.nan)
-        self._check_effects(nowhere, nowhere)
-
-    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> "PlateModel":
-        """What `to`, `float` and `cuda` do to the tensors: they move, and floating-point ones keep their precision."""
-
-        def moved(tensor: Tensor) -> Tensor:
-            found = fn(tensor)
-            return tensor.to(found.device) if found.dtype != tensor.dtype else found
-
-        return super()._apply(moved, recurse)
-
-    def check_channels(self) -> None:
-        """Whether the effects can be had with the model's own responses and references.
-
-        Raises:
-            ValueError: if not, with the label of the effect.
-        """
-        response, reference, _ = self._points(None, None, None)
-        self._check_effects(response, reference)
-
-    @torch.no_grad()
-    def _check_effects(self, response: Tensor, reference: Tensor | None) -> None:
-        """Nodes, supports and channels that are not there, told before anything is computed."""
-        middle = self.space.to_si(torch.full((len(self.names),), 0.5).to(self.known))
-        value, geometry = self.values(middle), self._nominal()
-        chain = sensor_chain(laplace_lines(self.known.new_ones(1), 0.0), response, reference)
-        terms: Sequence[Local] = []
-        for label, effect in self.effects.items():
-            try:
-                if self.mesh.cut:
-                    self.mesh.check_on_plate([*getattr(effect, "nodes", ()), *getattr(effect, "at", ())])
-                terms = effect.attached(self.mesh, terms, value[label])
-                effect.added_mass(self.mesh, geometry, value[label])
-                chain = effect.observe(self.mesh, chain, value[label], geometry)
-            except ValueError as error:
-                raise ValueError(f"{label}: {error}") from None
-
-    def _nominal(self) -> Geometry:
-        return Geometry(*(self.known.new_tensor(side) for side in (self.mesh.length_x, self.mesh.length_y)))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The searched parameters, in theta's order: "label.parameter"."""
-        return self.space.names
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Their SI units."""
-        return self.space.units
-
-    @property
-    def known_values(self) -> dict[str, float]:
-        """Values of all that is not searched: "label.parameter" → value in SI units."""
-        return {
-            key: value
-            for key, value in self._everything(self.known.new_zeros(len(self.names)))
-            if key not in self.names
-        }
-
-    @property
-    def searched(self) -> dict[str, Searched]:
-        """Intervals of all that is searched, by "label.parameter"."""
-        ends = zip(self.space.low.tolist(), self.space.high.tolist(), self.space.logarithmic.tolist(), strict=True)
-        return {name: Searched(*one) for name, one in zip(self.names, ends, strict=True)}
-
-    def as_dict(self, theta: Float[Tensor, " n_parameter"]) -> dict[str, float]:
-        """All parameters of one member: "label.parameter" → value in SI units, known and searched.
-
-        Args:
-            theta: its searched parameters.
-        """
-        return dict(self._everything(theta))
-
-    def replaced(
-        self,
-        *,
-        effects: Mapping[str, Effect] | None = None,
-        known: Mapping[str, float] | None = None,
-        searched: Mapping[str, Searched] | None = None,
-    ) -> "PlateModel":
-        """A model of the same mesh, assembly and channels, and of other effects or numbers.
-
-        What is left out stays as it is, dampings that are off their law too; of effects that are no longer there it
-        goes. An effect that has split the mesh goes too, since the mesh is already what it has made of it.
-
-        Args:
-            effects: label → effect.
-            known: "label.parameter" → value in SI units.
-            searched: "label.parameter" → interval; what is also known is searched.
-
-        Raises:
-            ValueError: as for a new model.
-        """
-        every = self.effects if effects is None else effects
-        kept = {label: effect for label, effect in every.items() if effect.discretise(self.mesh) is self.mesh}
-        parameters = {f"{label}.{name}" for label, effect in kept.items() for name in effect.parameters}
-        own = {key: value for key, value in self.known_values.items() if key in parameters}
-        box = {key: interval for key, interval in self.searched.items() if key in parameters}
-        found = PlateModel(
-            self.mesh,
-            kept,
-            own if known is None else known,
-            box if searched is None else searched,
-            self.response,
-            self.reference,
-            self.kind,
-            self.memory,
-            self.assembly,
-        ).to(self.known.device)
-        found.damping_factor, found.couples_modes = self.damping_factor, self.couples_modes
-        found.off_marks = self.off_marks
-        return found
-
-    def extra_repr(self) -> str:
-        """One line for `print(model)`."""
-        return (
-            f"effects={list(self.effects)}, searched={list(self.names)}, n_dof={self.assembly.size}, kind={self.kind}"
-        )
-
-    def _twin(self) -> "PlateModel":
-        """The same model, of which attributes can be changed; what they hold is shared."""
-        twin = copy.copy(self)
-        twin._modules = dict(self._modules)
-        return twin
-
-    def projected(
-        self, basis: Float[Tensor, "n_free n_basis"], shared_modes: SharedModes | None = None
-    ) -> "PlateModel":
-        """The same model with all matrices projected on a basis over the free dofs; see `reduced_basis`.
-
-        Args:
-            basis: its columns.
-            shared_modes: of all members, if they have any; the columns are then these modes.
-        """
-        twin = self._twin()
-        section = self.plan(self.space.to_si(torch.full((len(self.names),), 0.5).to(self.known))).section
-        by_element = any(part is not None and part.shape[-1] > 1 for part in section)
-        # On all dofs, members that share their modes need no matrix any more.
-        dense = shared_modes is None or basis.shape[0] != basis.shape[1]
-        twin.assembly = Assembly(self.mesh, basis.cpu(), by_element, self.assembly.correction, dense).to(basis)
-        twin.shared_modes = shared_modes
-        return twin
-
-    def without_coupling(self) -> "PlateModel":
-        """The same model, where a loss in a part of the plate damps each mode and couples none.
-
-        Of ΦᵀHΦ the diagonal alone is kept (Lord Rayleigh, The Theory of Sound, 2nd ed. 1894, section 102): off by the
-        square of the loss factor over how far modes are apart, and several times as fast. For values alone: its
-        gradients are those of the modes held as they are.
-        """
-        twin = self._twin()
-        twin.couples_modes = False
-        return twin
-
-    def with_damping_factors(self, factor: Float[Tensor, " n_mode"] | None) -> "PlateModel":
-        """The same model, each mode's damping a number of times what its law makes of it: no plate obeys one exactly.
-
-        Args:
-            factor: of the lowest modes [-], ≥ 0; modes beyond keep theirs. None where all obey the law.
-
-        Raises:
-            ValueError: if the model is in a basis of shared modes, which takes one law for all.
-        """
-        if self.shared_modes is not None and factor is not None:
-            raise ValueError(
-                "Expected a model with matrices of its own, got one in a basis of shared modes. Give the model before "
-                "`reduce`, or in the basis of `ritz_basis`."
-            )
-        twin = self._twin()
-        twin.damping_factor = None if factor is None else factor.to(self.known)
-        return twin
-
-    def with_places_off(
-        self, response: Float[Tensor, "n_response 2"] | None, reference: Float[Tensor, "n_reference 2"] | None = None
-    ) -> "PlateModel":
-        """The same model, whose own sensors and hits are off their marks; other points that are asked for are not.
-
-        A point mass at a sensor's mark is the sensor's own and is off with it.
-
-        Args:
-            response: by how much, relative to the sides [-]; None where all are on their marks.
-            reference: likewise; None where the plate is shaken by its edges.
-        """
-        twin = self._twin()
-        if response is None:
-            twin.off_marks = None
-        else:
-            off = None if reference is None else reference.to(self.known)
-            twin.off_marks = OffMarks(response.to(self.known), off, self.carried())
-        return twin
-
-    def carried(self) -> dict[str, int]:
-        """Labels of the point masses that are a sensor's own, and which of the model's own responses that is."""
-        return carried_masses(self.effects, self.known_values, self._points(None, None, None)[0])
-
-    def in_single_precision(self) -> "PlateModel":
-        """The same model for searches: under `torch.no_grad` its FRFs are put together in single precision.
-
-        Where all members share their modes (`reduce` tells) and no place is searched it is half as fast again, and off
-        by 1e-6 to 1e-5 of an FRF's norm. Strong springs and masses take more digits: `reduce` measures what is left,
-        `shared_modes.single_error`, and beyond `SINGLE_TOLERANCE` the model stays in double precision, as it does
-        where members share no modes. How far a line is from a pole is found in double precision all the same, and
-        derivatives never leave it.
-        """
-        twin = self._twin()
-        twin.in_single = self.shared_modes is not None and self.shared_modes.single_error <= SINGLE_TOLERANCE
-        return twin
-
-    def values(self, theta: Float[Tensor, "*batch n_parameter"]) -> dict[str, dict[str, Tensor]]:
-        """Label → parameter → value in SI units: [*batch] where searched, [] where known.
-
-        Raises:
-            ValueError: if theta does not have one value for each searched parameter.
-        """
-        if theta.shape[-1] != len(self.names):
-            raise ValueError(
-                f"Expected theta with a last dimension of {len(self.names)} ({', '.join(self.names) or 'none'}), "
-                f"got {theta.shape[-1]}. `model.names` gives the order."
-            )
-        position = {name: index for index, name in enumerate(self.names)}
-        known = iter(self.known)
-        return {
-            label: {
-                name: theta[..., position[key]] if (key := f"{label}.{name}") in position else next(known)
-                for name in effect.parameters
-            }
-            for label, effect in self.effects.items()
-        }
-
-    def _everything(self, theta: Float[Tensor, " n_parameter"]) -> Iterator[tuple[str, float]]:
-        for label, own in self.values(theta).items():
-            yield from ((f"{label}.{name}", float(value)) for name, value in own.items())
-
-    def plan(self, theta: Float[Tensor, "*batch n_parameter"]) -> Plan:
-        """What the effects make of theta: sides, section, local terms and damping."""
-        value = self.values(theta)
-        if self.off_marks is not None:
-            value = self.off_marks.moved(value)
-        pairs = [(effect, value[label]) for label, effect in self.effects.items()]
-        geometry = self._nominal()
-        for effect, own in pairs:
-            geometry = effect.geometry(geometry, own)
-        section = None
-        for effect, own in pairs:
-            section = effect.section(self.mesh, section, own)  # type: ignore[arg-type]  # the plate comes first
-        assert section is not None
-        terms: Sequence[Local] = []
-        for effect, own in pairs:
-            terms = effect.attached(self.mesh, terms, own)
-        damping = [part for effect, own in pairs if (part := effect.proportional(own)) is not None]
-        added = [one for effect, own in pairs if (one := effect.added_mass(self.mesh, geometry, own)) is not None]
-        return Plan(section, geometry, list(terms), damping, added)
-
     def system(self, theta: Float[Tensor, "*batch n_parameter"]) -> System:
         """Mass, stiffness and damping; what no searched parameter touches has no batch dimension."""
         return self.assembly.system(*self.plan(theta))
-
-    def _theta(self, given: Numbers, check: bool) -> tuple[Tensor, bool]:
-        """Theta in the model's precision, and whether results are wanted in single precision."""
-        theta = as_theta(given, self.names, self.known)
-        # To look is to wait for another device, which searches in a reduced basis do not do.
-        if check and (theta.device.type == "cpu" or self.assembly.basis is None):
-            check_range(theta, self.space, self._searched, self.limit)
-        return theta, isinstance(given, Tensor) and given.dtype in (torch.float32, torch.float16, torch.bfloat16)
 
     def modes(self, theta: Numbers, *, check: bool = True) -> Modes:
         """All undamped modes, one `torch.linalg.eigh` for the batch.
@@ -471,30 +151,6 @@ class PlateModel(nn.Module):
 
     # Called, a module runs `forward`.
     forward = frf
-
-    def _points(
-        self, response: Points | None, reference: Points | None, kind: str | None
-    ) -> tuple[Tensor, Tensor | None, str]:
-        kind = kind or self.kind
-        if kind not in KINDS:
-            raise ValueError(f"Expected kind to be one of {', '.join(KINDS)}, got '{kind}'.")
-        found: list[Tensor | None] = []
-        for name, given, own in (
-            ("response", response, self.response),
-            ("reference", reference, self.reference),
-        ):
-            points = own if given is None else given
-            if points is None and not (name == "reference" and kind == "transmissibility"):
-                raise ValueError(f"Expected a {name}, got none, and the model has no measurement. Give {name}=[node].")
-            if points is None:
-                found.append(None)
-                continue
-            places = self.mesh.places(as_points(points, name))
-            if given is not None and self.mesh.cut and not isinstance(points, Tensor) and not transformed():
-                self.mesh.check_on_plate(places.tolist())
-            found.append(places.to(self.known))
-        assert found[0] is not None
-        return found[0], found[1], kind
 
     def _frf(
         self, theta: Tensor, laplace: Tensor, points: tuple[Tensor, Tensor | None, str], own: bool
@@ -597,13 +253,7 @@ class PlateModel(nn.Module):
         return reference if reference is None or off is None else reference + off
 
     def chain(
-        self,
-        theta: Tensor,
-        plan: Plan,
-        laplace: Tensor,
-        response: Tensor,
-        reference: Tensor | None,
-        own: bool,
+        self, theta: Tensor, plan: Plan, laplace: Tensor, response: Tensor, reference: Tensor | None, own: bool
     ) -> SensorChain:
         """What is read, of the model's own points or of others."""
         chain, value = sensor_chain(laplace, response, reference), self.values(theta)

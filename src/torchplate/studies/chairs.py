@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -30,12 +31,13 @@ from torchplate.cli.simulate import simulate
 from torchplate.discrepancy import percent
 from torchplate.effects import HystereticDamping, Plate
 from torchplate.measurement import Channel, read_measurement, write_uff
-from torchplate.model import PlateModel
+from torchplate.model import PlateModel, extrapolate
 from torchplate.plate import Mesh
 
 OUT = Path("runs/chairs")
 DATA = Path("../shared/data")
-ROVED = {
+# A record of 4 s, in which the lowest mode, at 78 Hz with a loss of 0.008, falls by 68 dB: no window is needed.
+ROVED: Final[dict[str, Any]] = {
     "mesh": {"length_x": 0.42, "length_y": 0.3, "n_x": 4, "n_y": 2},
     "effects": {
         "plate": {
@@ -46,7 +48,7 @@ ROVED = {
     },
     "modal_test": {
         "analyser": {
-            "like": "sr785", "span": 400.0, "n_line": 400, "force_window": None, "exponential_window": None,
+            "like": "sr785", "span": 400.0, "n_line": 1600, "force_window": None, "exponential_window": None,
             "n_pre_trigger": 32, "n_average": 2,
         },
         "response": [1],
@@ -129,7 +131,9 @@ def roving(folder: Path, data: Path) -> bool:  # noqa: ARG001
 def hits(folder: Path, data: Path) -> bool:  # noqa: ARG001
     """A WAV file for each place that is hit: force and acceleration in 16 bits, several hits one after the other."""
     known = {f"plate.{name}": value for name, value in STEEL.items()} | {"loss.stiffness_loss_factor": LOSS}
-    model = PlateModel(Mesh(*SIDES, 16, 12), {"plate": Plate(), "loss": HystereticDamping()}, known, {})
+    given = PlateModel(Mesh(*SIDES, 16, 12), {"plate": Plate(), "loss": HystereticDamping()}, known, {})
+    # A plate has no mesh: a diagnosis would have to name what these elements leave.
+    model = extrapolate(given, RATE / 2).model
     places = [(x / SIDES[0], y / SIDES[1]) for x, y in PLACES.values()]
     n_sample = int(RATE * SECONDS)
     line = torch.fft.rfftfreq(n_sample, 1 / RATE, dtype=torch.float64)

@@ -1,21 +1,20 @@
 """From what was compared to what is said: what has changed, by how much, and what else it may have been."""
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from torchplate.diagnosis.before_and_after import gap_of, location_of, overlay_of, step_of, verdict_of
 from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.comparison import Chosen, Comparing, Promise, State
 from torchplate.diagnosis.change.posterior import Choice
-from torchplate.diagnosis.judged import Fit
-from torchplate.diagnosis.localisation.localise import localise
-from torchplate.diagnosis.naming import estimates
+from torchplate.diagnosis.naming import estimates, remark_on
 from torchplate.diagnosis.next_measurement import next_measurements
-from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Named, Overlay, Scored, Step, Verdict
+from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Named, Scored, Verdict
 from torchplate.diagnosis.selection.criterion import is_explained
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import percent
 from torchplate.measurement import Noise
+from torchplate.model import PlateModel
 
 if TYPE_CHECKING:
     from torchplate.diagnosis.change.flow import PlateTest
@@ -51,36 +50,20 @@ def summarise(
     verdict = verdict_of(bool(effects), explained)
     numbers = comparing.after.reference.values
     parameters = {
-        name: Estimate(value, None, _unit(last.fit, name))
+        name: Estimate(value, None, unit_of(last.fit.model, name))
         for name, value in last.fit.model.as_dict(last.fit.theta).items()
         if name in comparing.after.reference.names or name.rpartition(".")[0] in told
     } | found
     sets = [(one.name, *one.equivalent) for one in effects]
-    gap = Gap(
-        float(target.gap(none.fit.prediction)),
-        float(target.gap(last.fit.prediction)),
-        _heldout(target, none.fit),
-        _heldout(target, last.fit),
-        noise.floor,
-        target.expected_gap(last.fit.marginal),
-    )
-    steps = [Step("nothing changed", gap.baseline, gap.heldout_baseline, none.fit.reduced_misfit)]
+    gap = gap_of(target, none.fit, last.fit)
+    steps = [step_of(target, "nothing changed", none.fit)]
     for change, (_, fits, _before) in zip(last.changes, last.choices, strict=True):
-        fit = fits[change.key]
-        steps.append(Step(f"+ {change.name}", float(target.gap(fit.prediction)), None, fit.reduced_misfit))
+        steps.append(step_of(target, f"+ {change.name}", fits[change.key]))
     return Diagnosis(
         verdict=verdict,
         effects=effects,
         gap=gap,
-        location=localise(
-            target.measurement,
-            target.variance.sqrt(),
-            none.fit.prediction,
-            none.fit.reduced,
-            none.fit.theta,
-            target.heldout,
-            after=last.fit.prediction,
-        ),
+        location=location_of(target, none.fit, last.fit),
         scores=tuple(_table(promises, effects) for promises in last.promises),
         steps=tuple(steps),
         missing=missing(verdict, gap, bool(effects)),
@@ -91,17 +74,10 @@ def summarise(
         next_measurements=tuple(next_measurements(sets, verdict in ("unexplained", "partly_explained"), False, False)),
         parameters=parameters,
         model=builder.finished(last.fit.model, last.fit.theta),
-        overlay=Overlay(target.measurement, noise.std, none.fit.prediction, last.fit.prediction, target.heldout),
+        overlay=overlay_of(target, noise, none.fit, last.fit),
         n_evaluation=builder.n_evaluation,
         seconds=seconds,
     )
-
-
-def verdict_of(named: bool, explained: bool) -> Verdict:
-    """The one word."""
-    if not named:
-        return "consistent" if explained else "unexplained"
-    return "explained" if explained else "partly_explained"
 
 
 def in_words(
@@ -143,22 +119,27 @@ def _named(change: Change, choice: Choice, gaps: tuple[float, float], found: Map
     keys = [name for name in found if name.startswith(prefix)]
     parameters = {name.rpartition(".")[2]: found[name] for name in keys}
     values = ", ".join(f"{name} {_with_interval(value)}" for name, value in parameters.items()) or "no number"
-    rival = choice.next_best
-    against = (
-        ""
-        if rival is None or rival.change is None
-        else (f"; the next best, {rival.change.name}, is {rival.evidence - choice.best.evidence:.3g} worse in −2 ln Z")
-    )
-    alike = f"; these tests cannot tell it from {' or '.join(choice.equivalent)}" if choice.equivalent else ""
     text = (
         f"{change.name} ({values}) takes the gap of the test after from {percent(gaps[0])} to {percent(gaps[1])}"
-        f"{against}{alike}; by chance the best of all takes {choice.by_chance:.3g} from −2 ln L once in a hundred "
-        f"times where nothing changed."
+        f"{beside_others(choice, 'tests')}; by chance the best of all takes {choice.by_chance:.3g} from −2 ln L once "
+        f"in a hundred times where nothing changed."
     )
     options = {} if change.candidate is None else change.candidate.options
     return Named(
         change.name, change.label, options, choice.equivalent, round(choice.confidence, 3), parameters, text, *gaps
     )
+
+
+def beside_others(choice: Choice, data: str) -> str:
+    """How far behind the next best is, and what these data cannot tell it from."""
+    rival = choice.next_best
+    against = (
+        ""
+        if rival is None or rival.change is None
+        else f"; the next best, {rival.change.name}, is {rival.evidence - choice.best.evidence:.3g} worse in −2 ln Z"
+    )
+    alike = f"; these {data} cannot tell it from {' or '.join(choice.equivalent)}" if choice.equivalent else ""
+    return f"{against}{alike}"
 
 
 def _gaps(target: FrfTarget, step: Chosen, change: Change) -> tuple[float, float]:
@@ -167,27 +148,20 @@ def _gaps(target: FrfTarget, step: Chosen, change: Change) -> tuple[float, float
     return float(target.gap(before.prediction)), float(target.gap(fits[change.key].prediction))
 
 
-def _heldout(target: FrfTarget, fit: Fit) -> float | None:
-    """The gap of the FRFs that no fit saw; None where there are none."""
-    found = float(target.gap(fit.prediction, True))
-    return None if math.isnan(found) else found
-
-
-def _unit(fit: Fit, name: str) -> str:
+def unit_of(model: PlateModel, name: str) -> str:
+    """Of a parameter, "label.parameter"."""
     label, _, key = name.rpartition(".")
-    return fit.model.effects[label].parameters[key].unit
+    return model.effects[label].parameters[key].unit
 
 
 def _table(promises: Sequence[Promise], effects: Sequence[Named]) -> tuple[Scored, ...]:
     """The score table of one step: of each name what promises most."""
-    named = {one.name for one in effects}
-    equivalent = {other for one in effects for other in one.equivalent}
     rows: dict[str, Scored] = {}
     for one in promises:
         change = one.change
         if change.name in rows:
             continue
-        remark = "named" if change.name in named else "equivalent" if change.name in equivalent else "rejected"
+        remark = remark_on(change.name, effects, "rejected")
         prefix = f"{change.label}."
         start = one.starts[0] if one.starts else {}
         values = {key.removeprefix(prefix): value for key, value in start.items() if key.startswith(prefix)}

@@ -26,11 +26,9 @@ from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.settings import ChangeSettings
 from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.diagnosis.selection.criterion import UNIFORM
+from torchplate.diagnosis.table.settings import SETTINGS as TABLE
 from torchplate.model import PlateModel
 from torchplate.search import JACOBIANS, least_squares
-
-# Places on the unit cube that are nearer than this are one minimum [-].
-SAME = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,10 +204,13 @@ def theta_of(tables: Tables) -> Float[Tensor, " n"]:
 
 
 def _apart(minima: Sequence[TableFit]) -> list[TableFit]:
-    """Each minimum once."""
+    """Each minimum once: what is near to a better one, in the posterior's own metric, is that one."""
     kept: list[TableFit] = []
     for one in sorted(minima, key=lambda one: one.evidence):
-        if all(float((one.place - other.place).abs().max()) > SAME for other in kept):
+        off = [one.place - other.place for other in kept]
+        if all(
+            float(d @ torch.linalg.solve(other.covariance, d)) > TABLE.same for d, other in zip(off, kept, strict=True)
+        ):
             kept.append(one)
     return kept
 

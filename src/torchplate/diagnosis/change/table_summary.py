@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 import scipy.stats
 from torch import Tensor
 
+from torchplate.diagnosis.before_and_after import verdict_of
 from torchplate.diagnosis.change.posterior import Choice
-from torchplate.diagnosis.change.summary import in_words, missing, verdict_of
+from torchplate.diagnosis.change.summary import beside_others, in_words, missing, unit_of
 from torchplate.diagnosis.naming import QUANTILE
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Location, Named, Scored, Step
 from torchplate.diagnosis.table.settings import SETTINGS as TABLE
 from torchplate.discrepancy import percent
-from torchplate.model import PlateModel
 
 if TYPE_CHECKING:
     from torchplate.diagnosis.change.flow import PlateTest
@@ -48,7 +48,7 @@ def summarise_tables(
     effects = tuple(_named(fit, choice, (gaps[k], gaps[k + 1])) for k, (fit, choice) in enumerate(named))
     changes = {one.label: fit.change for one, (fit, _) in zip(effects, named, strict=True) if fit.change is not None}
     whole = {
-        name: Estimate(value, None, _unit(tables.model, name))
+        name: Estimate(value, None, unit_of(tables.model, name))
         for name, value in tables.before.items()
         if name in tables.model.names
     }
@@ -106,17 +106,10 @@ def _is_strength(fit: "TableFit", key: str) -> bool:
 def _named(fit: "TableFit", choice: Choice, gaps: tuple[float, float]) -> Named:
     assert fit.change is not None
     change, parameters = fit.change, estimates_of(fit)
-    rival = choice.next_best
-    against = (
-        ""
-        if rival is None or rival.change is None
-        else (f"; the next best, {rival.change.name}, is {rival.evidence - choice.best.evidence:.3g} worse in −2 ln Z")
-    )
-    alike = f"; these tables cannot tell it from {' or '.join(choice.equivalent)}" if choice.equivalent else ""
     values = ", ".join(f"{name} {one.value:.4g}" for name, one in parameters.items())
     text = (
         f"{change.name}{' gone' if fit.gone else ''} ({values}) takes the difference of the natural frequencies from "
-        f"{percent(gaps[0])} to {percent(gaps[1])}{against}{alike}."
+        f"{percent(gaps[0])} to {percent(gaps[1])}{beside_others(choice, 'tables')}."
     )
     options = {} if change.candidate is None else change.candidate.options
     return Named(
@@ -146,8 +139,3 @@ def _scores(
         remark = names.get(name, f"rejected: leaves {percent(left)}")
         rows[name] = Scored(name, options, drop, values, (), left, remark)
     return tuple(rows.values())
-
-
-def _unit(model: PlateModel, name: str) -> str:
-    label, _, key = name.rpartition(".")
-    return model.effects[label].parameters[key].unit

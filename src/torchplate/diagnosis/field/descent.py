@@ -18,14 +18,10 @@ from torch import Tensor
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.strength import Chosen, Products, cross_validated, forms, solved
 from torchplate.diagnosis.problem import Prior, Problem
+from torchplate.diagnosis.selection.criterion import UNIFORM
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import Found, Marginal
 from torchplate.search import JACOBIANS
-
-# Precision of a uniform prior on the unit cube.
-UNIFORM = 12.0
-# Part of the cube that a parameter goes in one step; and of the largest diagonal, what keeps what is not seen in place.
-LONGEST, UNSEEN = 0.25, 1e-12
 
 
 class Place(NamedTuple):
@@ -210,7 +206,10 @@ class FieldDescent:
         matrix = gram.clone()
         matrix[k:, k:] += precision
         farthest = torch.cat(
-            [place.position.new_full((k,), LONGEST), torch.full_like(place.values, settings.step * self.model.unit)]
+            [
+                place.position.new_full((k,), settings.own_step),
+                torch.full_like(place.values, settings.step * self.model.unit),
+            ]
         )
 
         def cost(residual: Tensor, values: Tensor) -> float:
@@ -218,10 +217,9 @@ class FieldDescent:
 
         before = cost(linear.residual, place.values)
         for damping in settings.dampings:
-            more = damping * gram.diagonal() + UNSEEN * gram.diagonal().max()
-            x, _ = solved(
-                matrix + torch.diag(more), right - more * here, len(place.values) if self.model.low == 0 else 0
-            )
+            more = damping * gram.diagonal() + settings.unseen * gram.diagonal().max()
+            n_nonnegative = len(place.values) if self.model.low == 0 else 0
+            x, _ = solved(matrix + torch.diag(more), right - more * here, settings, n_nonnegative)
             step = x - here
             if damping < settings.dampings[-1] and bool((step.abs() > farthest).any()):
                 continue

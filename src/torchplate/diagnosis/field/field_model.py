@@ -15,8 +15,6 @@ from torchplate.model import PlateModel, Searched
 from torchplate.plate import Plan
 
 LABEL: Final = "field"
-# Values have to lie in some interval; none of them comes near.
-FAR = 1e3
 
 
 class FieldModel:
@@ -37,6 +35,7 @@ class FieldModel:
 
     def __init__(self, builder: ModelBuilder, fit: Fit, kind: str, grid: Grid) -> None:
         settings = builder.target.settings.inferring
+        farthest = settings.farthest(builder.target.levels - 1)
         self.builder, self.kind, self.grid = builder, kind, grid
         self.effect = Field(kind=kind, n_x=grid.n_x, n_y=grid.n_y)
         base = builder.corrected(builder.adopt(fit.model), fit.theta).model
@@ -47,10 +46,7 @@ class FieldModel:
         self.unit = {"loss": settings.loss, "support": settings.support * scale}.get(kind, settings.relative)
         # A negative spring to the ground would pass for a mass.
         self.low = 0.0 if kind in ("loss", "support") else settings.least - 1
-        more = {
-            f"{self.label}.{name}": Searched(self.low, self.low + FAR * self.unit + 1)
-            for name in self.effect.parameters
-        }
+        more = {f"{self.label}.{name}": Searched(self.low, farthest * self.unit) for name in self.effect.parameters}
         self.whole = base.replaced(
             effects={**base.effects, self.label: self.effect}, searched={**base.searched, **more}
         )

@@ -7,11 +7,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from torchplate.diagnosis.settings.field import FieldInference
 from torchplate.effects import Field
 from torchplate.plate import Mesh
-
-# Sides that differ by less than this part are equal.
-SQUARE = 0.01
 
 
 class Grid(NamedTuple):
@@ -28,16 +26,16 @@ class Grid(NamedTuple):
     square: bool
 
     @classmethod
-    def of(cls, mesh: Mesh, n_side: int) -> "Grid":
+    def of(cls, mesh: Mesh, settings: FieldInference) -> "Grid":
         """As many on any plate as on a square one, the spacing alike along both sides; three a side at least.
 
         Args:
             mesh: of the plate.
-            n_side: along the side of a square.
+            settings: of the inference.
         """
         ratio = math.sqrt(mesh.length_x / mesh.length_y)
-        n_x, n_y = (max(3, 1 + round((n_side - 1) * part)) for part in (ratio, 1 / ratio))
-        return cls(n_x, n_y, abs(mesh.length_x / mesh.length_y - 1) < SQUARE)
+        n_x, n_y = (max(3, 1 + round((settings.n_side - 1) * part)) for part in (ratio, 1 / ratio))
+        return cls(n_x, n_y, abs(mesh.length_x / mesh.length_y - 1) < settings.square)
 
     @property
     def place(self) -> Float[Tensor, "n_node 2"]:

@@ -87,7 +87,7 @@ def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[st
     settings, whole = builder.target.settings.inferring, builder.target
     target = thinned(whole, settings.most_numbers, settings.least_lines)
     beside = builder.against(target)
-    grid = Grid.of(fit.model.mesh, settings.n_side)
+    grid = Grid.of(fit.model.mesh, settings)
     say(f"a field without a name: {', '.join(KINDS)} at {grid.n_x} × {grid.n_y} nodes")
     alive = {kind: _begun(FieldDescent(FieldModel(beside, fit, kind, grid), prior), fit) for kind in KINDS}
     behind: dict[str, float] = {}

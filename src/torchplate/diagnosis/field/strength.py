@@ -22,10 +22,6 @@ from torch import Tensor
 from torchplate.diagnosis.field.grid import Grid
 from torchplate.diagnosis.settings.field import FieldInference
 
-# Times that values are held at zero because they would be negative, and what holds them over what the data know of
-# them: numerics.
-N_HELD, HELD = 8, 1e9
-
 
 class Products(NamedTuple):
     """What least squares need of residuals and their Jacobian, fold by fold; the field counted from none.
@@ -100,7 +96,7 @@ def cross_validated(
     whole, right = products.gram.sum(0) + products.told[0], products.right.sum(0) + products.told[1]
     k = len(right) - products.n_value
     typical = float(whole.diagonal()[k:].mean().clamp(min=1e-300))
-    held = torch.cat([whole.new_zeros(k), whole.new_full((products.n_value,), HELD * typical)])
+    held = torch.cat([whole.new_zeros(k), whole.new_full((products.n_value,), settings.holding * typical)])
     without = _error(products, whole, right, torch.diag(held))
     low, high, n_decade = settings.strengths
     # A value alone is known to 1/√(JᵀJ).
@@ -110,7 +106,7 @@ def cross_validated(
         for std in sizes.tolist():
             more = torch.zeros_like(whole)
             more[k:, k:] = shape / std**2
-            _, held_now = solved(whole + more, right, products.n_value if nonnegative else 0)
+            _, held_now = solved(whole + more, right, settings, products.n_value if nonnegative else 0)
             more = more + torch.diag(held_now)
             error = _error(products, whole, right, more)
             if best is None or error < best.error:
@@ -128,17 +124,17 @@ def _error(products: Products, whole: Tensor, right: Tensor, more: Tensor) -> fl
 
 
 def solved(
-    matrix: Float[Tensor, "n n"], right: Float[Tensor, " n"], n_nonnegative: int = 0
+    matrix: Float[Tensor, "n n"], right: Float[Tensor, " n"], settings: FieldInference, n_nonnegative: int = 0
 ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
     """−matrix⁻¹ right, the last few not negative, and what had to be added to the diagonal for that."""
     held = torch.zeros_like(right)
     x = _solved(matrix, right)
     last = slice(len(right) - n_nonnegative, None)
-    for _ in range(N_HELD if n_nonnegative else 0):
-        negative = x[last] < -1e-9 * x[last].abs().max()
+    for _ in range(settings.n_holding if n_nonnegative else 0):
+        negative = x[last] < -x[last].abs().max() / settings.holding
         if not bool(negative.any()):
             break
-        held[last] += torch.where(negative, HELD * matrix.diagonal()[last].mean(), 0.0)
+        held[last] += torch.where(negative, settings.holding * matrix.diagonal()[last].mean(), 0.0)
         x = _solved(matrix + torch.diag(held), right)
     return x, held
 

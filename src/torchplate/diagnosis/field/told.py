@@ -9,7 +9,6 @@ from torch import Tensor
 
 from torchplate.diagnosis.field.descent import Place
 from torchplate.diagnosis.field.field_model import FieldModel
-from torchplate.diagnosis.field.grid import Grid
 from torchplate.diagnosis.result import FoundField
 from torchplate.diagnosis.target import FrfTarget
 
@@ -19,8 +18,6 @@ WORDS: Final = {
     "loss": "loss",
     "support": "a force from outside, as of springs to the ground",
 }
-# Of a kind that is this probable nobody doubts; a field whose weight scatters by more has no one place.
-SURE, WIDE = 0.95, 0.2
 
 
 def as_found(
@@ -54,7 +51,7 @@ def as_found(
         {kind: round(one, 4) for kind, one in probability.items()},
         gaps[0] or 0.0, gaps[1] or 0.0, gaps[2], gaps[3],
     )  # fmt: skip
-    return replace(found, sentences=tuple(_sentences(found, grid, n_frf, target)))
+    return replace(found, sentences=tuple(_sentences(found, n_frf, target)))
 
 
 def _pair(place: Tensor) -> tuple[float, float]:
@@ -77,7 +74,7 @@ def _percent(part: float) -> str:
     return f"{100 * part:.3g} %"
 
 
-def _sentences(found: FoundField, grid: Grid, n_frf: int, target: FrfTarget) -> list[str]:
+def _sentences(found: FoundField, n_frf: int, target: FrfTarget) -> list[str]:
     """Kind and place, what it takes off the gap, and what these data do not tell."""
     size = (
         f"{found.total:+.3g} {found.unit} in all"
@@ -85,9 +82,7 @@ def _sentences(found: FoundField, grid: Grid, n_frf: int, target: FrfTarget) -> 
         else f"{100 * found.total:+.3g} % on the mean over the plate"
     )
     where = f"its weight sits at x {found.place[0]:.2f}, y {found.place[1]:.2f} of the sides"
-    wide = [
-        axis for axis, one, n in zip("xy", found.spread, (grid.n_x, grid.n_y), strict=True) if one > max(WIDE, 0.6 / n)
-    ]
+    wide = [axis for axis, one in zip("xy", found.spread, strict=True) if one > target.settings.inferring.wide]
     if wide:
         where += f" and is spread along {' and '.join(wide)}: there it has no one place"
     before, after = (
@@ -103,7 +98,7 @@ def _sentences(found: FoundField, grid: Grid, n_frf: int, target: FrfTarget) -> 
     rivals = [
         f"{WORDS[kind]} ({one:.2f})"
         for kind, one in sorted(found.probability.items(), key=lambda item: -item[1])
-        if kind != found.kind and one > 1 - SURE
+        if kind != found.kind and one > 1 - target.settings.comparison.credible
     ]
     if rivals:
         own = found.probability[found.kind]

@@ -15,6 +15,8 @@ class Comparison:
             that is off by 2 % costs 0.02²/4 of it. So no test counts more than 10,000 independent numbers (Miller and
             Dunson, Robust Bayesian inference via coarsening, J. American Statistical Association 114, 2019, 1113).
         credible: probability of the set of equivalents [-].
+        faint: a rival with less than this part of the probability of a name is not asked after again [-]:
+            probabilities are told to 1 %.
         noise_limit: what is left is noise up to so many times its variance [-]: three standard deviations of a variance
             that is known from 200 numbers (`Knowledge.noise`).
         size_limit: nuisances may be so many times what was told of them, or taken for granted [-]: a standard deviation
@@ -27,6 +29,7 @@ class Comparison:
     beyond: float = 0.02
     misspecified: float = 1e-4
     credible: float = 0.95
+    faint: float = 0.01
     noise_limit: float = 1.3
     size_limit: float = 3.0
     finer: float = 0.99

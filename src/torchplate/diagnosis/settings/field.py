@@ -10,6 +10,8 @@ class FieldInference:
     Args:
         n_side: nodes along the side of a square plate [-]: some forty values, as many as the modes of a usual band say;
             on others as many in all.
+        square: sides that differ by less than this part are equal [-]: the image turned by a right angle is fitted
+            before it is told, so that a wrong guess costs a step and no truth.
         most_numbers: real numbers that are looked at [-]: a map of forty values is not sharper with more.
         least_lines: that are kept in any case [-]: some ten for each mode of a band with twenty.
         relative: standard deviation of a node's value before anything is seen, of rigidity and mass over the plate's
@@ -20,6 +22,10 @@ class FieldInference:
         bumps: single values that are tried at each node, in these standard deviations [-]: halved, doubled, and more.
         n_bump: of them, the best so many are gone on from, beside no field [-].
         step: a value goes so many of these standard deviations in one step at most [-].
+        own_step: a parameter of the model itself goes this part of its interval in one step at most [-]: about the
+            standard deviation of a uniform prior, 1/√12.
+        unseen: what keeps in place what the data do not see, over the largest diagonal of JᵀJ [-]: a Jacobian by
+            differences is good to 1e-6 of itself, its square to this.
         dampings: of a step that are tried, one after another, until one leads down [-].
         n_wide: steps at each wide level [-].
         level: part to which what is left has to fall at each, or the steps of a level end [-].
@@ -33,11 +39,18 @@ class FieldInference:
         floor: of a sparse field the largest value times this is as good as zero [-].
         strengths: standard deviation of a value over that which noise leaves of one seen alone [-]: from, to, and how
             many a decade [log10, log10, 1].
+        n_holding: times that values that would be negative are held at zero, at most [-]: each leaves fewer, and what
+            is left of them after the last is cut off.
+        holding: precision that holds them, over what the data have of a value on the mean [-]: a value held is one
+            in so many of what it would be, which is as good as zero.
+        wide: standard deviation about its centre, relative to the side, from which on a field has no one place [-]:
+            that of a weight that is even over seven tenths of the side, 0.7/√12.
         helps: part of the cross-validated misfit, and of the gap of the held-out FRFs, that a field must take off [-].
         twin: a mirror image is a twin unless it is so many times less probable [-].
     """
 
     n_side: int = 7
+    square: float = 0.01
     most_numbers: int = 6000
     least_lines: int = 200
     relative: float = 0.3
@@ -47,6 +60,8 @@ class FieldInference:
     bumps: tuple[float, ...] = (-2.0, 3.0, 10.0)
     n_bump: int = 2
     step: float = 2.0
+    own_step: float = 0.25
+    unseen: float = 1e-12
     dampings: tuple[float, ...] = (0.0, 0.01, 0.1, 1.0, 10.0)
     n_wide: int = 5
     level: float = 0.98
@@ -59,5 +74,18 @@ class FieldInference:
     alone: float = 0.2
     floor: float = 0.1
     strengths: tuple[float, float, int] = (-1.0, 4.0, 2)
+    n_holding: int = 8
+    holding: float = 1e9
+    wide: float = 0.2
     helps: float = 0.1
     twin: float = 20.0
+
+    def farthest(self, n_level: int) -> float:
+        """How far a value can come from none, in its standard deviations [-]: the largest bump, and every step.
+
+        Args:
+            n_level: wide levels.
+        """
+        # One more step is that of a mirror image.
+        n_step = self.n_wide * n_level + self.n_sharp + 1
+        return max(map(abs, self.bumps)) + self.step * n_step

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import torch
 
+from torchplate.diagnosis.naming import remark_on
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Location, Named, Scored, Step
 from torchplate.diagnosis.table.comparison import Comparison, Weighed
@@ -100,8 +101,6 @@ def _scores(found: Found, effects: Sequence[Named]) -> tuple[Scored, ...]:
     """Every effect that the table can see, with its best option, and those that it cannot."""
     compared = found.chosen.comparison
     first = max(compared.baseline.best.chi_square, 1e-300)
-    named = {one.name for one in effects}
-    equivalent = {other for one in effects for other in one.equivalent}
     rows: dict[str, Scored] = {}
     for weighed in sorted(compared.weighed, key=lambda one: one.evidence):
         hypothesis = weighed.hypothesis
@@ -114,11 +113,8 @@ def _scores(found: Found, effects: Sequence[Named]) -> tuple[Scored, ...]:
             for name, value in zip(weighed.model.names, weighed.theta.tolist(), strict=True)
             if name.startswith(f"{label}.")
         }
-        remark = f"rejected: a refit leaves {percent(gap)}, probability {found.posterior.has([part.name]):.2g}"
-        if part.name in named:
-            remark = "named"
-        elif part.name in equivalent:
-            remark = "equivalent"
+        why = f"a refit leaves {percent(gap)}, probability {found.posterior.has([part.name]):.2g}"
+        remark = remark_on(part.name, effects, f"rejected: {why}")
         drop = max(0.0, 1 - weighed.best.chi_square / first)
         rows[part.name] = Scored(part.name, part.candidate.options, drop, values, (), gap, remark)
     for name in compared.unseen:

@@ -1,0 +1,88 @@
+"""What is wrong with a config, in one sentence: what was expected, what came, what to do, and where it is explained."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, Final, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from torchplate.cli.schema.numbers import Known
+from torchplate.nearest import did_you_mean
+
+# Titles of the pages of the documentation that are made from the models below and from the catalogue.
+KEY_PAGE: Final = "Configuration"
+EFFECT_PAGE: Final = "Effects"
+
+
+class ConfigError(ValueError):
+    """What is wrong with a config.
+
+    Attributes:
+        key: where.
+        sentence: what was expected, what came, what to do.
+    """
+
+    def __init__(self, key: str, sentence: str) -> None:
+        super().__init__(f"{key}: {sentence}")
+        self.key, self.sentence = key, sentence
+
+
+def first_complaint(error: ValidationError, root: type[BaseModel] | None = None, section: str = "") -> tuple[str, str]:
+    """Key and sentence of the first complaint.
+
+    Args:
+        error: of pydantic.
+        root: the part of a config that it is about; None where it is about none.
+        section: of the reference that explains this part.
+    """
+    first = error.errors()[0]
+    where = [str(part) for part in first["loc"]]
+    key = ".".join(where) or "config"
+    given = first.get("input")
+    if first["type"] == "extra_forbidden":
+        return key, unknown_key(where[-1], *_keys_at(root, section, where[:-1]))
+    if first["type"] == "missing":
+        return key, "Expected a value, got none. Add it."
+    message = str(first["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    message = message.removeprefix("Input should be ").replace("an instance of Sequence", "a list")
+    if message.startswith(("Expected", "No ")):
+        return key, message
+    shown = "no finite number" if isinstance(given, float) and not math.isfinite(given) else repr(given)
+    return key, f"Expected {message}, got {shown}. Correct it."
+
+
+def unknown_key(name: str, known: Iterable[str], section: str = "") -> str:
+    """The sentence for a key or name that nothing answers to: the nearest, all there are, and where each is explained.
+
+    Args:
+        name: what came.
+        known: what could have come.
+        section: of the config, for its part of the reference; "effects." and the name of an effect for that one's.
+    """
+    known = list(known)
+    of_effect = section.startswith("effects.")
+    words = f"torchplate effects {section.removeprefix('effects.')}" if of_effect else f"torchplate keys {section}"
+    page = EFFECT_PAGE if of_effect else KEY_PAGE
+    return (
+        f"No key or name '{name}' here.{did_you_mean(name, known)} There are: {', '.join(known)}. "
+        f"`{words.strip()}` explains each, as the page {page} of the documentation does."
+    )
+
+
+def _keys_at(root: type[BaseModel] | None, section: str, where: Sequence[str]) -> tuple[list[str], str]:
+    """The keys, and the section of the reference, that a place of a part of a config has."""
+    part = root
+    for name in where:
+        # What is no key is an entry of a mapping or a list, or one of several types that a value may have.
+        if part is None or name not in part.model_fields:
+            continue
+        part = model_in(part.model_fields[name].annotation)
+        section = "numbers" if part is Known else f"{section}.{name}".strip(".")
+    return list(part.model_fields) if part is not None else [], section
+
+
+def model_in(annotation: Any) -> type[BaseModel] | None:
+    """The first model that a type is, may be or holds."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for inner in get_args(annotation) if (found := model_in(inner)) is not None), None)

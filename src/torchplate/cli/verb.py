@@ -1,0 +1,30 @@
+"""A verb of the command line, as the parser takes it."""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+
+ArgumentParser = argparse.ArgumentParser
+Parsed = argparse.Namespace
+
+
+@dataclass(frozen=True)
+class Verb:
+    """One word of the command line.
+
+    Args:
+        summary: what it does, half a line.
+        examples: command lines that show it; a remark may follow a #.
+        arguments: adds what it takes to its parser.
+        call: does it.
+    """
+
+    summary: str
+    examples: tuple[str, ...]
+    arguments: Callable[[ArgumentParser], None]
+    call: Callable[[Parsed], None]
+
+    @property
+    def epilog(self) -> str:
+        """The examples as `--help` ends with them."""
+        return "\n  ".join([f"example{'s' * (len(self.examples) > 1)}:", *self.examples])
