@@ -1,11 +1,14 @@
 """What changed between two tests of one plate, beside a model that is several per cent off in both."""
 
 import math
+from collections.abc import Mapping
 
 import pytest
 import torch
 
 from torchplate.diagnosis.change import PlateTest, what_changed
+from torchplate.diagnosis.change.changes import Change
+from torchplate.diagnosis.change.comparison import Promise, ways_of
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import Channel, Imperfections, Measurement, NaturalFrequencies
 from torchplate.model import PlateModel, Searched
@@ -57,6 +60,19 @@ def test_a_mass_that_was_lightened_is_named_from_natural_frequencies_alone():
         assert mass.high < 0.0035
     assert named.gap_after < named.gap_before
     assert named.name in found.remarks[0]
+
+
+def test_masses_that_were_lightened_together_are_named_together():
+    """One after another starts with an effect at a place of its own, which explains more of both than each alone."""
+    found = of_tables(m1=0.0005, m3=0.003)
+    names = {one.name: one for one in found.effects}
+    assert names.keys() == {"m1.mass", "m3.mass"}
+    for name, true in (("m1.mass", 0.0005), ("m3.mass", 0.003)):
+        mass = names[name].parameters["mass"]
+        assert mass.low <= true <= mass.high
+    # Each beside those before it.
+    first, second = found.effects
+    assert first.gap_before > first.gap_after == second.gap_before > second.gap_after
 
 
 def test_tables_that_are_alike_name_nothing():
@@ -145,6 +161,24 @@ def test_two_tests_of_an_unchanged_plate_are_consistent():
     found = of_frfs()
     assert found.verdict == "consistent"
     assert not found.effects
+
+
+def test_a_change_that_promises_least_is_refitted_where_it_ends_lowest():
+    """A few values on its interval say little of where a parameter ends, once it is free to go there."""
+    others = [Promise(Change(f"wires.k{k}", "wires"), 0.9 - 0.02 * k, ({},), wide=True) for k in range(12)]
+    right = Promise(Change("wires.stiffness", "wires"), 0.3, ({"wires.stiffness": 5e3},), wide=True)
+    left = {one.change.name: 20.0 for one in others} | {"wires.stiffness": 0.1}
+    # What a tangent promises, of which nothing is lost either.
+    near = Promise(Change("loss.stiffness_loss_factor", "loss"), 0.8, ({},))
+
+    def down(one: Promise) -> tuple[tuple[Mapping[str, float], ...], float]:
+        return one.starts, left[one.change.name]
+
+    ways = ways_of([near], [*others, right], down, misfit=50.0, most=8, beside=6.0)
+    assert [(change.name, promised) for change, _, promised in ways] == [
+        ("wires.stiffness", 0.0),
+        ("loss.stiffness_loss_factor", pytest.approx(10.0)),
+    ]
 
 
 @torch.no_grad()

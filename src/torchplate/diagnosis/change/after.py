@@ -7,7 +7,7 @@ and what has a value of its own in each test.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import torch
@@ -20,7 +20,7 @@ from torchplate.diagnosis.change.specimen import ReferenceSpecimens
 from torchplate.diagnosis.judged import Fit, judged_beside
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Problem, widely
-from torchplate.discrepancy import Marginal
+from torchplate.discrepancy import Found, Marginal, OfChannels
 from torchplate.model import PlateModel, on_mesh
 
 GROUP = "reference"
@@ -37,6 +37,7 @@ class Hypothesis(NamedTuple):
         told: parameters that the reference has told.
         half: R.
         changed: whether anything has.
+        about: what the channels have of their own in this test, about which it is; None for nothing.
     """
 
     whole: PlateModel
@@ -46,6 +47,7 @@ class Hypothesis(NamedTuple):
     told: list[str]
     half: Float[Tensor, "n_all k"]
     changed: bool
+    about: Found | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +101,8 @@ class After:
     def marginal(self, one: Hypothesis, theta: Float[Tensor, " n"]) -> Marginal:
         """Noise and nuisances of this test, and what the reference leaves open, beside a member."""
         target = self.builder.target
-        plain = target.marginal(one.reduced, theta, specimen=False)
-        model = on_mesh(one.whole, one.reduced.assembly).with_damping_factors(one.reduced.damping_factor)
+        plain = target.marginal(one.reduced, theta, one.about, specimen=False)
+        model = as_the_specimen(one.whole, one.reduced)
         values = {**one.reduced.as_dict(theta)}
         everything = torch.tensor([values[name] for name in model.names]).to(theta)
         columns = all_columns(self.builder, model, one.specimens, everything, one.told)
@@ -141,53 +143,114 @@ class After:
         rows = one.frozen.space.to_si(places).tolist()
         return tuple(dict(zip(one.frozen.names, row, strict=True)) for row in rows), float(left[0])
 
-    def fit(self, changes: Sequence[Change], starts: Sequence[Mapping[str, float]]) -> Fit:
+    def moved(self, one: Hypothesis, channels: OfChannels | None) -> Hypothesis:
+        """The same with sensors and hits where they were found."""
+        if channels is None:
+            return one
+        nothing = one.frozen.known.new_zeros(0)
+        about = Found(nothing, nothing[:, None], channels)
+        return one._replace(reduced=one.specimens.at(self.reference.shift, channels), about=about)
+
+    def fit(
+        self,
+        changes: Sequence[Change],
+        starts: Sequence[Mapping[str, float]],
+        channels: OfChannels | None = None,
+    ) -> Fit:
         """The best of some starts, at the sharp level.
 
         Args:
             changes: in the model.
             starts: values of the parameters that have changed, the best first.
+            channels: what each has of its own, as far as it is known.
         """
         fitting = self.builder.target.settings.fitting
         one = self.hypothesis(changes, starts[:1])
         names = one.frozen.names
+        places = torch.stack([_place(one.frozen, start, self.reference.values) for start in starts or [{}]])
+        ends = [self._sharply(one, place, channels) for place in places[: len(places) if names else 1]]
+        best = min(ends, key=lambda end: end.fit.cost)
         if not names:
-            return self._judged(one, one.frozen.known.new_zeros(0))
-        places = torch.stack([_place(one.frozen, start, self.reference.values) for start in starts])
-        best: tuple[Fit, Tensor] | None = None
-        for place in places:
-            found = self._sharply(one, place)
-            if best is None or found[0].cost < best[0].cost:
-                best = found
-        assert best is not None
-        fit, place = best
+            return best.fit
         for _ in range(self.reference.settings.n_turn - 1):
             # In a basis of where it has come to.
-            values = dict(zip(names, fit.theta.tolist(), strict=True))
-            one = self.hypothesis(changes, [values])
-            again, there = self._sharply(one, place)
-            moved = float((there - place).abs().max())
-            fallen = fit.cost - again.cost
-            fit, place = again, there
+            values = dict(zip(names, best.fit.theta.tolist(), strict=True))
+            again = self._sharply(self.hypothesis(changes, [values]), best.place, best.channels)
+            moved = float((again.place - best.place).abs().max())
+            fallen = best.fit.cost - again.fit.cost
+            best = again
             if moved < self.reference.settings.rest or abs(fallen) < fitting.little:
                 break
-        return fit
+        return best.fit
 
-    def _sharply(self, one: Hypothesis, place: Float[Tensor, " n"]) -> tuple[Fit, Float[Tensor, " n"]]:
-        target, fitting, settings = self.builder.target, self.builder.target.settings.fitting, self.reference.settings
-        for _ in range(settings.n_turn):
-            marginal = self.marginal(one, one.frozen.space.to_si(place))
-            problem = Problem(self.builder, one.reduced, {}, marginal)
-            there, _, _ = problem.descend(place[None], target.levels - 1, fitting.n_iteration)
-            moved = float((there[0] - place).abs().max())
-            place = there[0]
-            if moved < settings.rest:
+    def _sharply(self, one: Hypothesis, place: Float[Tensor, " n"], channels: OfChannels | None = None) -> "End":
+        """Least squares beside channels as they are, then the channels anew beside what has changed, in turns.
+
+        How the reference's uncertainty shows changes with what has changed, which no part of the way knows: a part may
+        end less probable than it began, and is then gone half as far, and half again. A likelihood about channels that
+        are not what it says of them is not to be compared, lower or not: what counts is where they have settled.
+        """
+        target, fitting = self.builder.target, self.builder.target.settings.fitting
+        here = self._judged(one, place, channels)
+        for _ in range(self.reference.settings.n_turn):
+            before = here.fit.cost
+            if len(place):
+                problem = Problem(self.builder, here.about.reduced, {}, here.marginal)
+                to, _, _ = problem.descend(here.place[None], target.levels - 1, fitting.n_iteration)
+                for part in fitting.parts:
+                    there = self._judged(one, torch.lerp(here.place, to[0], part), here.channels)
+                    if there.fit.cost < before:
+                        here = there
+                        break
+            fallen = before - here.fit.cost
+            for _ in range(self.reference.settings.n_turn):
+                settled = self._judged(one, here.place, here.seen)
+                moved = abs(settled.fit.cost - here.fit.cost)
+                here = settled
+                if moved < fitting.little:
+                    break
+            if fallen < fitting.little:
                 break
-        return self._judged(one, place), place
+        return here
 
-    def _judged(self, one: Hypothesis, place: Float[Tensor, " n"]) -> Fit:
-        marginal = self.marginal(one, one.frozen.space.to_si(place))
-        return judged_beside(self.builder, one.frozen, one.reduced, {}, place, marginal)
+    def _judged(self, one: Hypothesis, place: Float[Tensor, " n"], channels: OfChannels | None) -> "End":
+        """A hypothesis at a place, about channels as they are taken to be."""
+        target = self.builder.target
+        about = self.moved(one, channels)
+        marginal = self.marginal(about, one.frozen.space.to_si(place))
+        found = judged_beside(self.builder, one.frozen, about.reduced, {}, place, marginal)
+        # The specimen is the reference's in any case: what it makes expected is what is predicted.
+        found = found._replace(prediction=found.expected, gap=found.left)
+        seen = marginal.channels(marginal.residual(target.off(found.expected, marginal.about)))
+        seen = None if seen is None else seen.within(target.settings.fitting.farthest)
+        return End(found, place, channels, seen, marginal, about)
+
+
+class End(NamedTuple):
+    """Where a fit has come to.
+
+    Attributes:
+        fit: there.
+        place: on the unit cube.
+        channels: what each of them has of its own, as it was judged.
+        seen: what the residuals there say of them.
+        marginal: noise and nuisances, beside which it was judged.
+        about: the hypothesis, sensors and hits off their marks.
+    """
+
+    fit: Fit
+    place: Float[Tensor, " n"]
+    channels: OfChannels | None
+    seen: OfChannels | None
+    marginal: Marginal
+    about: Hypothesis
+
+
+def as_the_specimen(model: PlateModel, specimen: PlateModel) -> PlateModel:
+    """A model in a specimen's basis, its dampings, sensors and hits as that one's are."""
+    found = on_mesh(model, specimen.assembly).with_damping_factors(specimen.damping_factor)
+    off = specimen.off_marks
+    return found if off is None else found.with_places_off(off.response, off.reference)
 
 
 def _place(model: PlateModel, start: Mapping[str, float], values: Mapping[str, float]) -> Float[Tensor, " n"]:
@@ -197,13 +260,18 @@ def _place(model: PlateModel, start: Mapping[str, float], values: Mapping[str, f
     return model.space.to_cube(theta).clamp(1e-3, 1 - 1e-3)
 
 
-def against_the_next(builder: ModelBuilder, noise_scale: float) -> ModelBuilder:
+def against_the_next(builder: ModelBuilder, reference: Reference) -> ModelBuilder:
     """A builder whose test is weighed by what the model leaves of the reference too.
 
-    What no section and no mode explains there, it does not explain here either. The mesh error is in both.
+    What no section and no mode explains there, it does not explain here either. The mesh error is in both. So is what
+    the channels were taken to be off their marks and levels beyond what was said.
     """
     target = builder.target
-    scale = max(1.0, noise_scale)
+    scale = max(1.0, reference.noise_scale)
     noise = replace(target.noise, std=scale * target.noise.std, floor=target.noise.floor)
     nothing = torch.zeros_like(target.frequency)
-    return builder.against(replace(target, noise=noise, mesh_shift=nothing))
+    given = target.imperfections
+    names = {field.name for field in fields(given)}
+    larger = {name: size * given.std(name) for name, size in reference.sizes.items() if name in names and size > 1.0}
+    imperfections = replace(given, **larger)
+    return builder.against(replace(target, noise=noise, mesh_shift=nothing, imperfections=imperfections))

@@ -1,7 +1,7 @@
 """All that may have changed beside one model: tried, the most promising refitted, and compared."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -10,7 +10,7 @@ from torch import Tensor
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.catalogue import candidates, channels_of
 from torchplate.diagnosis.candidates.channels import rearrangements
-from torchplate.diagnosis.change.after import After, Hypothesis
+from torchplate.diagnosis.change.after import After, Hypothesis, as_the_specimen
 from torchplate.diagnosis.change.changes import Change, allowed, grid, n_names, parameters_that_moved
 from torchplate.diagnosis.change.posterior import Choice, Weighed, chance, choose
 from torchplate.diagnosis.judged import Fit
@@ -18,8 +18,11 @@ from torchplate.diagnosis.problem import Problem
 from torchplate.diagnosis.selection.criterion import evidence, is_noise, weight_of
 from torchplate.diagnosis.selection.screen import screen
 from torchplate.discrepancy import Marginal
-from torchplate.model import PlateModel, on_mesh
+from torchplate.model import PlateModel
 
+Starts = tuple[Mapping[str, float], ...]
+# A change to be refitted, from where, and the misfit that a tangent promises; 0 where wide levels have led there.
+Way = tuple[Change, Starts, float]
 # A choice, the fits that it was made from, and the fit that it was added to.
 Chosen = tuple[Choice, Mapping[tuple[str, str], Fit], Fit]
 
@@ -32,11 +35,13 @@ class Promise:
         change: it.
         drop: part of the sum of squares that it would take [-].
         starts: values of what is searched then, the best first.
+        wide: whether it was tried beside the frequency axis, where peaks that do not overlap attract each other.
     """
 
     change: Change
     drop: float
     starts: tuple[Mapping[str, float], ...]
+    wide: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,26 +87,25 @@ class Comparing:
 
     def further(self, state: State) -> State | None:
         """One change more, if one is more probable than none."""
+        target = self.after.builder.target
         promises = self._tried(state)
-        best = promises[0].drop if promises else 0.0
-        screening = self.after.builder.target.settings.screening
-        chosen = [one for one in _best_options(promises) if one.drop >= screening.faint * best]
-        # Where nothing but noise is left, and the best promises no more than chance does, the best two are a check.
-        by_chance = chance(Weighed(None, 0.0, 0.0, 1), len(promises), self.settings)
-        idle = is_noise(state.fit) and best * state.fit.square <= by_chance
-        chosen = chosen[: 2 if idle else self.settings.n_refit]
-        wide = float(self.after.builder.target.gap(state.fit.prediction)) >= screening.overlapping
+        ways = self._ways(state, promises)
         fits: dict[tuple[str, str], Fit] = {}
         tried: dict[tuple[str, str], Change] = {}
-        ways = [(promise, promise.starts) for promise in chosen]
-        if wide:
-            ends = [(promise, *self.after.down([*state.changes, promise.change], promise.starts)) for promise in chosen]
-            least = min(left for _, _, left in ends) if ends else 0.0
-            ways = [(promise, starts) for promise, starts, left in ends if left <= screening.near * least]
-        for promise, starts in ways:
-            found = self.after.fit([*state.changes, promise.change], starts)
-            self.say(f"  {promise.change.name}: misfit {found.reduced_misfit:.4g}")
-            fits[promise.change.key], tried[promise.change.key] = found, promise.change
+        # Channels that are hardly in doubt are where they were found: no change is to gain by finding them once more.
+        about = state.fit.about
+        sure = about is not None and state.fit.reduced_misfit <= target.settings.screening.nearly_right
+        channels = about.channels if about is not None and sure else None
+        hopeless = target.settings.searching.hopeless
+        # What becomes a simpler effect at an end of its parameters comes after it; where that explains all, not at all.
+        for change, starts, promised in sorted(ways, key=lambda way: bool(_contained(way[0]))):
+            if any(is_noise(fit) for key, fit in fits.items() if key[0] in _contained(change)):
+                continue
+            if fits and promised > hopeless * min(one.reduced_misfit for one in fits.values()):
+                continue
+            found = self.after.fit([*state.changes, change], starts, channels)
+            self.say(f"  {change.name}: misfit {found.reduced_misfit:.4g}")
+            fits[change.key], tried[change.key] = found, change
         if not fits:
             return None
         weight = weight_of([state.fit, *fits.values()])
@@ -111,12 +115,12 @@ class Comparing:
                 evidence(fits[key], weight),
                 fits[key].cost,
                 len(fits[key].theta) - len(state.fit.theta),
-                _n_place(change, self.after.builder.target.n_mode),
+                _n_place(change, target.n_mode),
             )
             for key, change in tried.items()
         ]
         none = Weighed(None, evidence(state.fit, weight), state.fit.cost)
-        changes = [promise.change for promise in promises]
+        changes = list({promise.change.key: promise.change for promise in promises}.values())
         choice = choose(none, weighed, n_names(changes), len(changes), state.fit.comparison, self.settings)
         step = (choice, fits, state.fit)
         assert choice.best.change is not None
@@ -129,27 +133,56 @@ class Comparing:
             (*state.promises, tuple(promises)),
         )
 
+    def _ways(self, state: State, promises: Sequence[Promise]) -> list[Way]:
+        """What is refitted, from where: what promises most where peaks are, and beside them."""
+        near, wide = (self._promising([one for one in promises if one.wide == which]) for which in (False, True))
+        # Where nothing but noise is left, and the best promises no more than chance does, the best two are a check.
+        by_chance = chance(Weighed(None, 0.0, 0.0, 1), len(promises), self.settings)
+        idle = is_noise(state.fit) and near and near[0].drop * state.fit.square <= by_chance
+        near = near[: 2 if idle else self.settings.n_refit]
+
+        def down(one: Promise) -> tuple[Starts, float]:
+            return self.after.down([*state.changes, one.change], one.starts)
+
+        beside = self.after.builder.target.settings.screening.near
+        return ways_of(near, wide, down, state.fit.reduced_misfit, self.settings.n_refit, beside)
+
+    def _promising(self, promises: Sequence[Promise]) -> list[Promise]:
+        """Those of one kind of trial that promise more than a part of the best, two options of a name at most."""
+        faint = self.after.builder.target.settings.screening.faint
+        best = promises[0].drop if promises else 0.0
+        return [one for one in _best_options(promises) if one.drop >= faint * best]
+
     def _tried(self, state: State) -> list[Promise]:
-        """Every change, at values spread over where it may be, the most promising first."""
+        """Every change, at values spread over where it may be, the most promising first.
+
+        A tangent at the sharp level says what a change does that moves peaks by less than their widths. More may hide
+        behind a gap below one half, in resonances or between them: as long as more than noise is left, changes are
+        tried beside the frequency axis too.
+        """
         after, target = self.after, self.after.builder.target
         values = dict(zip(state.fit.model.names, state.fit.theta.tolist(), strict=True))
-        one = after.hypothesis(state.changes, [values], by_element=True)
+        plain = after.hypothesis(state.changes, [values], by_element=True)
+        about = state.fit.about
+        one = after.moved(plain, None if about is None else about.channels)
         theta = state.fit.theta
-        gap = float(target.gap(state.fit.prediction))
-        overlapping = gap < target.settings.screening.overlapping
-        near = after.marginal(one, theta) if overlapping else None
+        screening = target.settings.screening
+        sharply = float(target.gap(state.fit.prediction)) < screening.overlapping
+        wide = not sharply or state.fit.reduced_misfit > screening.nearly_right
         effects, n_option = self._effects(state, values)
         numbers = self._parameters(state, values)
         self.say(f"{len(effects)} effects that may have come, {len(numbers)} parameters that may have moved")
-        found = []
-        for scored in screen(after.builder, one.reduced, theta, effects, {}, near):
-            change = Change(
-                scored.candidate.name, scored.label, scored.candidate, n_option=n_option[scored.candidate.name]
-            )
-            members = scored.model.space.to_si(scored.starts)[: self.settings.n_start].tolist()
-            starts = tuple(dict(zip(scored.model.names, row, strict=True)) for row in members)
-            found.append(Promise(change, scored.drop, starts))
-        found += [self._moved(one, change, values, near) for change in numbers]
+        found: list[Promise] = []
+        levels: list[Marginal | None] = [after.marginal(one, theta)] if sharply else []
+        for near in (*levels, *((None,) if wide else ())):
+            for scored in screen(after.builder, one.reduced, theta, effects, {}, near):
+                change = Change(
+                    scored.candidate.name, scored.label, scored.candidate, n_option=n_option[scored.candidate.name]
+                )
+                members = scored.model.space.to_si(scored.starts)[: self.settings.n_start].tolist()
+                starts = tuple(dict(zip(scored.model.names, row, strict=True)) for row in members)
+                found.append(Promise(change, scored.drop, starts, near is None))
+            found += [self._moved(one, change, values, near) for change in numbers]
         return sorted(found, key=lambda one: -one.drop)
 
     def _effects(self, state: State, values: Mapping[str, float]) -> tuple[list[Candidate], dict[str, int]]:
@@ -176,8 +209,7 @@ class Comparing:
     def _moved(self, one: Hypothesis, change: Change, values: Mapping[str, float], near: Marginal | None) -> Promise:
         """One parameter at values from end to end of its interval."""
         target = self.after.builder.target
-        model = on_mesh(change.applied(one.frozen), one.reduced.assembly)
-        model = model.with_damping_factors(one.reduced.damping_factor)
+        model = as_the_specimen(change.applied(one.frozen), one.reduced)
         level = target.settings.wide.screened if near is None else target.levels - 1
         problem = Problem(self.after.builder, model, {}, near)
         before = {**values, change.name: float(change.before or 0.0)}
@@ -190,7 +222,7 @@ class Comparing:
         if near is not None and order[0] == 0:
             # Between the values: a step is tried as a tangent.
             drop, starts = self._tangent(problem, model, before, change, level)
-        return Promise(change, drop, tuple(starts))
+        return Promise(change, drop, tuple(starts), near is None)
 
     def _tangent(
         self, problem: Problem, model: PlateModel, before: Mapping[str, float], change: Change, level: int
@@ -210,6 +242,42 @@ class Comparing:
         went = dict(zip(model.names, model.space.to_si(place).tolist(), strict=True))
         drop = go * go * size / max(float(residual[0].square().sum()), 1e-300)
         return drop, [went, dict(before)]
+
+
+def _contained(change: Change) -> Collection[str]:
+    """The simpler effects that a change becomes at an end of its parameters."""
+    return () if change.candidate is None else change.candidate.effect.contains
+
+
+def ways_of(
+    near: Sequence[Promise],
+    wide: Sequence[Promise],
+    down: Callable[[Promise], tuple[Starts, float]],
+    misfit: float,
+    most: int,
+    beside: float,
+) -> list[Way]:
+    """What is refitted sharply: of all that was tried beside the frequency axis what ends lowest there, then the rest.
+
+    A few values on the way say little of where a change ends, and going there at the wide levels costs little.
+
+    Args:
+        near: what a tangent at the sharp level speaks for.
+        wide: what was tried beside the frequency axis.
+        down: where the starts of one of these end, the best first, and what that leaves.
+        misfit: before any of them [-].
+        most: that are refitted from there.
+        beside: those go on that leave no more than so many times as much as the best [-].
+    """
+    ends = sorted(((one, *down(one)) for one in wide), key=lambda end: end[2])
+    ways: dict[tuple[str, str], Way] = {
+        one.change.key: (one.change, starts, 0.0) for one, starts, left in ends[:most] if left <= beside * ends[0][2]
+    }
+    for one in near:
+        _, before, promised = ways.get(one.change.key, (one.change, (), (1 - one.drop) * misfit))
+        # From both, where both promise something: the one that ends lower is right.
+        ways[one.change.key] = (one.change, (*before, *one.starts[: 1 if wide else None]), promised)
+    return list(ways.values())
 
 
 def _best_options(promises: Sequence[Promise]) -> list[Promise]:

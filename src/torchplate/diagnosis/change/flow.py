@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 
@@ -20,6 +20,7 @@ from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.selection.criterion import is_explained
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.tolerance import with_tolerances
+from torchplate.discrepancy import place_std
 from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies, Noise, noise_level
 from torchplate.model import PlateModel, Searched
 
@@ -98,13 +99,14 @@ def what_changed(
             f"Expected one mesh in both tests, got {_told(meshes[0])} and {_told(meshes[1])}. Give both configs the "
             "same `mesh`."
         )
-    builder = against_the_next(builder, told.noise_scale)
+    builder = against_the_next(builder, told)
     start = {name: 0.5 * (one.low + one.high) for name, one in builder.given.searched.items()}
     start |= {name: value for name, value in told.values.items() if name in start}
     theta = torch.tensor([start[name] for name in builder.given.names]).to(builder.given.known)
     model = builder.corrected(builder.given, theta).model
     alone = [name for name in model.names if name in own or name not in told.names]
-    comparing = Comparing(After(builder, model, told.drifted(), tuple(alone)), after.model, list(numbers), say)
+    known = replace(told.drifted(), place=place_std(builder.target.imperfections, builder.target.mesh_left))
+    comparing = Comparing(After(builder, model, known, tuple(alone)), after.model, list(numbers), say)
     none = state = comparing.none()
     while len(state.changes) < settings.most:
         further = comparing.further(state)

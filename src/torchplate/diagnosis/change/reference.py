@@ -18,12 +18,12 @@ from torch import Tensor
 from torchplate.diagnosis.basins import fit_from_the_box
 from torchplate.diagnosis.change.settings import ChangeSettings
 from torchplate.diagnosis.change.specimen import OwnModes, ReferenceSpecimens
-from torchplate.diagnosis.joint import Joint
+from torchplate.diagnosis.joint import Ended, Joint
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.criterion import UNIFORM
-from torchplate.discrepancy import Wandering, modes_near, place_std, specimen_columns
+from torchplate.discrepancy import OfChannels, Wandering, modes_near, place_std, specimen_columns
 from torchplate.model import PlateModel, solve_eigenvalues
 from torchplate.search import JACOBIANS
 
@@ -44,6 +44,8 @@ class Reference:
         damping: standard deviation of each mode's ln damping [-].
         n_section: terms of the section, which come first in the shift.
         noise_scale: what it leaves, over the noise [-]; 1 where that is all.
+        place: standard deviation of the place of a channel, as it is said of the test after [m].
+        sizes: of its channels' nuisances, over what was said of them [-].
         fit: of the model without modes of their own.
         settings: what is taken for granted.
     """
@@ -59,12 +61,15 @@ class Reference:
     damping: float
     n_section: int
     noise_scale: float
+    place: float
+    sizes: Mapping[str, float]
     fit: Fit
     settings: ChangeSettings
 
     def specimens(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> ReferenceSpecimens:
         """In a model's own coordinates."""
-        return ReferenceSpecimens(model, theta, self.wandering, self.damping, self.modes, self.settings.mode_stiffness)
+        stiffness, place = self.settings.mode_stiffness, self.place
+        return ReferenceSpecimens(model, theta, self.wandering, self.damping, self.modes, stiffness, place)
 
     @property
     def missed(self) -> float:
@@ -116,17 +121,17 @@ def fit_reference(builder: ModelBuilder, prior: Prior, settings: ChangeSettings)
     specimens = ReferenceSpecimens(plain, theta, target.wandering, damping, modes, settings.mode_stiffness, place)
     joint = Joint(builder, found.model, specimens, prior)
     position, shift = model.space.to_cube(theta), _begun(found, specimens, told, damping)
+    # Sensors off their marks, and what they weigh, are a part of what was found: without it the fit begins elsewhere.
+    channels = None if found.about is None else found.about.channels
+    starts = [(position, shift, channels)]
     if found.gap > target.settings.screening.overlapping:
+        # What was found may have taken on what modes of their own would explain, and hold it.
         wide = target.settings.wide
-        position, shift, _ = joint.descend(position, shift, target.levels - 2, wide.n_iteration[-1], wide.damping)
-    ended = joint.descend_sharply(position, shift)
-    for _ in range(settings.n_turn):
-        # A section that stands in for what the model lacks keeps modes of their own from doing so.
-        again = joint.descend_sharply(ended.position, torch.zeros_like(shift))
-        fallen = ended.cost - again.cost
-        ended = again if fallen > 0 else ended
-        if fallen < target.settings.fitting.little:
-            break
+        place_there, shift_there, _ = joint.descend(
+            position, shift, target.levels - 2, wide.n_iteration[-1], wide.damping
+        )
+        starts.append((place_there, shift_there, None))
+    ended = min((_settled(joint, start, settings) for start in starts), key=lambda one: one.cost)
     position, shift = ended.position, ended.found.shift
     theta = model.space.to_si(position)
     specimen = specimens.at(shift, ended.found.channels)
@@ -144,8 +149,27 @@ def fit_reference(builder: ModelBuilder, prior: Prior, settings: ChangeSettings)
     return Reference(
         model.names, position, shift, 0.5 * (covariance + covariance.mT), values, modes,
         eigenvalues(specimen, theta)[:n_mode], target.wandering, damping,
-        specimens.n_section, judged.noise_scale, found, settings,
+        specimens.n_section, judged.noise_scale, place, judged.scale, found, settings,
     )  # fmt: skip
+
+
+def _settled(
+    joint: Joint,
+    start: tuple[Float[Tensor, " n"], Float[Tensor, " n_off"], OfChannels | None],
+    settings: ChangeSettings,
+) -> Ended:
+    """Where a start ends, and from there with a section as it is meant, as long as that falls.
+
+    A section that stands in for what the model lacks keeps modes of their own from doing so.
+    """
+    ended = joint.descend_sharply(*start)
+    for _ in range(settings.n_turn):
+        again = joint.descend_sharply(ended.position, torch.zeros_like(start[1]))
+        fallen = ended.cost - again.cost
+        ended = again if fallen > 0 else ended
+        if fallen < joint.settings.little:
+            break
+    return ended
 
 
 def eigenvalues(model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Float[Tensor, " n_mode"]:

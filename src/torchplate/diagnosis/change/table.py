@@ -21,6 +21,7 @@ from torchplate.diagnosis.change.posterior import Choice, Weighed, choose
 from torchplate.diagnosis.change.settings import ChangeSettings
 from torchplate.diagnosis.change.table_fit import TableFit, Tables, fitted, frozen, log_frequency, none_of, theta_of
 from torchplate.diagnosis.change.table_summary import summarise_tables
+from torchplate.diagnosis.change.together import apart, fitted_together
 from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.selection.criterion import UNIFORM
 from torchplate.diagnosis.settings import Comparison
@@ -76,6 +77,7 @@ def tables_changed(
         ]
         if not fits:
             break
+        fits += fitted_together(tables, fits, settings.most_of_table - len(named), settings)
         tried.append(fits)
         weighed = [_weighed(fit, len(tables.mode)) for fit in fits]
         empty = Weighed(None, none.evidence, none.cost)
@@ -83,7 +85,7 @@ def tables_changed(
         if not choice.needed:
             break
         best = fits[next(k for k, one in enumerate(weighed) if one is choice.best)]
-        named.append((best, choice))
+        named += [(one, choice) for one in apart(tables, best)]
         tables = _with_change(tables, best)
         none = none_of(tables)
         if none.chi_square <= limit(len(tables.mode), tables.freedom):
