@@ -141,9 +141,9 @@ def test_a_fit_that_is_beaten_ends_in_its_first_basis_unless_its_nuisances_say_o
         before = builder.n_evaluation
         found = fit(builder, builder.given, start, {}, wide=False, beat=beat)
         every.append((found.cost, builder.n_evaluation - before))
-    assert every[0][0] > every[1][0] - 1e-6
+    # Ends of one basin differ by less than an unknown is worth.
+    assert [cost for cost, _ in every] == pytest.approx([first.cost] * 2, abs=3.0)
     assert every[0][1] < every[1][1]
-    assert every[1][0] == pytest.approx(first.cost, abs=3.0)
 
 
 @torch.no_grad()
