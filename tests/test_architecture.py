@@ -23,8 +23,10 @@ MAY_USE |= {"cli": {*ROW, "search", "bench", "diagnosis", "identification", "pla
 MAY_USE |= {"studies": {*MAY_USE["cli"], "studies"}}
 # `torchplate --help` waits for nothing, so that the front of this room imports nothing: the studies name its modules.
 NO_FRONT = {"cli"}
+# The alcoves of the command line: each may use itself and those before it.
+ALCOVES = ("schema", "config", "machine", "folder", "progress", "results", "verbs", "arguments")
 # What only one file, or one alcove, may import, and which.
-ONLY = {"yaml": "cli/config.py", "pydantic": "cli/schema/", "tensorboard": "cli/log.py"}
+ONLY = {"yaml": "cli/config/file.py", "pydantic": "cli/schema/", "tensorboard": "cli/progress/log.py"}
 VAGUE = {"utils", "util", "misc", "helpers", "helper", "common", "core", "base", "manager"}
 FILES = sorted(ROOT.rglob("*.py"))
 ROOMS = sorted(path.parent for path in ROOT.rglob("__init__.py") if path.parent != ROOT)
@@ -60,6 +62,17 @@ def test_the_arrows_point_one_way(path):
     used = {module.split(".")[1] for module in imports(path) if module.startswith("torchplate.")}
     # `nearest` is no room but one file, which knows nothing of any.
     assert used <= {*MAY_USE[room], "nearest"}
+
+
+def test_every_alcove_of_the_command_line_has_its_place():
+    assert {path.name for path in ROOMS if path.parent == ROOT / "cli"} == {*ALCOVES}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "cli").glob("*/*.py")), ids=name)
+def test_the_arrows_between_the_alcoves_of_the_command_line_point_one_way(path):
+    own = path.relative_to(ROOT).parts[1]
+    used = {module.split(".")[2] for module in imports(path) if module.startswith("torchplate.cli.")}
+    assert used <= {*ALCOVES[: ALCOVES.index(own) + 1]}
 
 
 @functools.cache

@@ -7,7 +7,7 @@ import pytest
 import torch
 import yaml
 
-from torchplate.cli.config import Config
+from torchplate.cli.schema import Config
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -36,7 +36,7 @@ def test_the_config_is_one():
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda path: path.stem)
 def test_every_config_is_one(path):
-    from torchplate.cli.build import load_run
+    from torchplate.cli.config.build import load_run
 
     recipe = load_run(path)
     recipe.optimizer()

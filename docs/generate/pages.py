@@ -17,10 +17,10 @@ from of_tests import module_of_tests
 from signature import draw, signature
 
 import torchplate
+from torchplate.cli.arguments import VERBS
 from torchplate.cli.main import parser
-from torchplate.cli.reference import Key, Section, sections
 from torchplate.cli.schema import EFFECT_PAGE, KEY_PAGE
-from torchplate.cli.verbs import VERBS
+from torchplate.cli.verbs.keys import Key, Section, sections
 from torchplate.effects import CATALOGUE, Effect, options
 
 ROOT = Path(__file__).parents[2]

@@ -29,7 +29,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from torchplate.cli.build import load_model
+    from torchplate.cli.config.build import load_model
     from torchplate.diagnosis import Diagnosis, diagnose
     from torchplate.diagnosis.change import PlateTest, what_changed
     from torchplate.effects import CATALOGUE
@@ -91,7 +91,7 @@ __all__ = [
 ]
 
 _HOME = {
-    "cli.build": ("load_model",),
+    "cli.config.build": ("load_model",),
     "diagnosis": ("Diagnosis", "diagnose"),
     "diagnosis.change": ("PlateTest", "what_changed"),
     "effects": ("CATALOGUE",),

@@ -10,7 +10,7 @@ from torchplate.bench import timing
 from torchplate.bench.peer import Peer
 from torchplate.bench.problem import LINES, RESPONSE, members, paper_model
 from torchplate.bench.timing import interleaved
-from torchplate.cli import bench as command
+from torchplate.cli.verbs import bench as command
 from torchplate.plate import Mesh
 
 SOME = LINES[7::100]

@@ -29,7 +29,7 @@ Diagnose = Callable[[Path, Path], Any]
 
 def catalogue_diagnosis(config: Path, out: Path) -> None:
     """Torchplate's own diagnosis, without figures; what it says goes to log.txt beside the config."""
-    from torchplate.cli.diagnose import diagnose
+    from torchplate.cli.verbs.diagnose import diagnose
 
     with (config.parent / "log.txt").open("w") as log, redirect_stdout(log):
         reference = config.parent / "reference.yaml"

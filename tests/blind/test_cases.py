@@ -9,7 +9,7 @@ import torch
 from blind import real, shapes
 from blind.cases import NOISE, draw, effects_of_suite, suite
 from blind.strata import STRATA
-from torchplate.cli.build import load_run
+from torchplate.cli.config.build import load_run
 from torchplate.effects import CATALOGUE
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from blind.score import verdict
 from blind.suite import run_case
-from torchplate.cli.diagnose import diagnose
+from torchplate.cli.verbs.diagnose import diagnose
 
 # Case → what is hidden in it.
 SAMPLE = {

@@ -12,7 +12,7 @@ from blind.response import Chain, Damping, Test, frf
 from blind.ritz import RitzPlate, modes
 from blind.shapes import NAMES, apply, draw, draw_hidden, shaped, suite
 from blind.test_ritz import PLATE
-from torchplate.cli.build import load_run
+from torchplate.cli.config.build import load_run
 from torchplate.effects import find_effect
 from torchplate.model import PlateModel, SparseModel
 from torchplate.plate import Mesh

@@ -20,7 +20,7 @@ from blind.ritz import Patch, modes
 from blind.strata import STRATA
 from blind.suite import chosen
 from blind.test_ritz import PLATE
-from torchplate.cli.build import load_run
+from torchplate.cli.config.build import load_run
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,10 @@ import pytest
 import torch
 from rich.console import Console
 
-from torchplate.cli.build import load_model
-from torchplate.cli.found import Found
+from torchplate.cli.config.build import load_model
 from torchplate.cli.main import main
-from torchplate.cli.run import run
+from torchplate.cli.results.found import Found
+from torchplate.cli.verbs.run import run
 from torchplate.measurement import SI_UNIT, Channel, Measurement
 
 # What the plate is, and the intervals it lies in.

@@ -304,7 +304,7 @@ def test_a_defect_is_not_taken_for_bad_input(bench, make_config, monkeypatch):
     def broken(*_: object) -> None:
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr("torchplate.cli.found.run_report", broken)
+    monkeypatch.setattr("torchplate.cli.results.found.run_report", broken)
     with pytest.raises(RuntimeError, match="a defect"):
         main(["run", str(bench.write(make_config())), "--out", str(bench.folder / "out")])
 

@@ -6,10 +6,10 @@ import pytest
 from rich.console import Console
 
 import torchplate
-from torchplate.cli.build import load_run
-from torchplate.cli.diagnose import diagnose
+from torchplate.cli.config.build import load_run
 from torchplate.cli.main import main
-from torchplate.cli.run import run
+from torchplate.cli.verbs.diagnose import diagnose
+from torchplate.cli.verbs.run import run
 from torchplate.measurement import Measurement
 
 DE_KEYS = ["strategy", "differential_weight", "crossover_rate"]
@@ -48,7 +48,7 @@ def test_a_level_in_g_is_said_by_run_and_by_diagnose(bench, make_config, monkeyp
     def stop(*_: object, **__: object) -> None:
         raise InterruptedError
 
-    monkeypatch.setattr("torchplate.cli.diagnose.find_missing", stop)
+    monkeypatch.setattr("torchplate.cli.verbs.diagnose.find_missing", stop)
     with pytest.raises(InterruptedError):
         diagnose(path, bench.folder / "diagnosis", console=printed)
     assert any("g that are labelled m/s²" in line for line in notes(printed.file.getvalue()))

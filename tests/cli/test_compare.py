@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from torchplate.cli.compare import compare
-from torchplate.cli.finished import by_plate, differences, read_finished
+from torchplate.cli.results.finished import by_plate, differences, read_finished
+from torchplate.cli.verbs.compare import compare
 from torchplate.report.latex import escaped
 
 

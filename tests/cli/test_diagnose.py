@@ -11,11 +11,11 @@ import yaml
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from torchplate.cli.build import load_model, load_run
-from torchplate.cli.diagnose import diagnose
+from torchplate.cli.config.build import load_model, load_run
+from torchplate.cli.config.plate_test import tolerances
 from torchplate.cli.main import main
-from torchplate.cli.plan import plan, read_doubts
-from torchplate.cli.plate_test import tolerances
+from torchplate.cli.verbs.diagnose import diagnose
+from torchplate.cli.verbs.plan import plan, read_doubts
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import SI_UNIT, Channel, Measurement
 from torchplate.planning import Lab
@@ -219,7 +219,7 @@ def asked(monkeypatch):
         seen.model, seen.measurement, seen.table, seen.settings = model, measurement, table, settings
         raise StoppedError
 
-    monkeypatch.setattr("torchplate.cli.diagnose.find_missing", remembered)
+    monkeypatch.setattr("torchplate.cli.verbs.diagnose.find_missing", remembered)
 
     def ask(path: Path, out: Path) -> SimpleNamespace:
         with pytest.raises(StoppedError):

@@ -10,8 +10,8 @@ import pytest
 import torch
 import yaml
 
-from torchplate.cli.build import load_model
 from torchplate.cli.config import InputError
+from torchplate.cli.config.build import load_model
 from torchplate.effects import CATALOGUE
 
 NONE = torch.zeros(0, dtype=torch.float64)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from torchplate.cli import writing
-from torchplate.cli.occupied import occupied
+from torchplate.cli.folder import writing
+from torchplate.cli.folder.occupied import occupied
 
 ONE = ["plate.youngs_modulus"]
 NOBODY = 65534
@@ -76,7 +76,7 @@ class TestAPlaceWithoutRights:
         self, open_to_all, make_config, command, monkeypatch, verb
     ):
         monkeypatch.setattr("torchplate.identification.job.minimize", None)
-        monkeypatch.setattr("torchplate.cli.diagnose.find_missing", None)
+        monkeypatch.setattr("torchplate.cli.verbs.diagnose.find_missing", None)
         path = open_to_all / "plate.yaml"
         path.write_text(json.dumps(make_config(ONE)))
         (open_to_all / "sealed").mkdir()
@@ -116,7 +116,7 @@ class TestARerun:
         assert (bench.folder / "out" / name).read_text() == "hours of work"
 
     def test_of_a_diagnosis_writes_over_nothing_unasked(self, bench, make_config, command, monkeypatch):
-        monkeypatch.setattr("torchplate.cli.diagnose.find_missing", None)
+        monkeypatch.setattr("torchplate.cli.verbs.diagnose.find_missing", None)
         path = bench.write(make_config(ONE))
         (bench.folder / "out").mkdir()
         for name in ("diagnosis.json", "report.md"):
@@ -135,7 +135,7 @@ class TestARerun:
 
     def test_in_the_same_second_takes_a_folder_of_its_own(self, bench, make_config, command, monkeypatch):
         monkeypatch.chdir(bench.folder)
-        monkeypatch.setattr("torchplate.cli.folder.time.strftime", lambda _: "2026-01-02_03-04-05")
+        monkeypatch.setattr("torchplate.cli.folder.opening.time.strftime", lambda _: "2026-01-02_03-04-05")
         bench.write(make_config())
         assert [command("run", "plate.yaml")[0] for _ in range(2)] == [0, 0]
         assert len(list((bench.folder / "runs" / "plate").iterdir())) == 2
@@ -219,7 +219,7 @@ class TestWholeOrNotAtAll:
         def full(*_: object) -> None:
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr("torchplate.cli.writing.os.fsync", full)
+        monkeypatch.setattr("torchplate.cli.folder.writing.os.fsync", full)
         outcome = command("run", bench.write(make_config()), "--out", bench.folder / "out")
         said_in_one_sentence(outcome, "config.yaml", "No space left", "Make room")
         assert not (bench.folder / "out" / "config.yaml").exists()
@@ -227,7 +227,7 @@ class TestWholeOrNotAtAll:
     def test_everything_in_a_runs_folder_is_written_that_way(self, bench, monkeypatch):
         monkeypatch.undo()
         written, own = [], writing.whole
-        for name in ("writing", "log"):
+        for name in ("folder.writing", "progress.log"):
             monkeypatch.setattr(f"torchplate.cli.{name}.whole", lambda path: written.append(path.name) or own(path))
         folder = bench.run(ONE, {"search.n_generation": 1}).folder
         there = {path.name for path in folder.iterdir() if not path.name.startswith("events.out.tfevents.")}

@@ -8,8 +8,8 @@ import pytest
 import torch
 from rich.console import Console
 
-from torchplate.cli.build import load_model
-from torchplate.cli.run import run
+from torchplate.cli.config.build import load_model
+from torchplate.cli.verbs.run import run
 from torchplate.model import SparseModel
 
 ROOT = Path(__file__).parents[2]

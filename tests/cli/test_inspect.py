@@ -8,7 +8,7 @@ import pytest
 import torch
 from rich.console import Console
 
-from torchplate.cli.inspect import inspect
+from torchplate.cli.verbs.inspect import inspect
 from torchplate.measurement import SI_UNIT, Channel, Measurement, MeasurementError, write_uff
 
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -9,9 +9,9 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from torchplate.cli.build import load_run
-from torchplate.cli.compare import compare
-from torchplate.cli.searches import SEARCHES
+from torchplate.cli.config.build import load_run
+from torchplate.cli.config.searches import SEARCHES
+from torchplate.cli.verbs.compare import compare
 from torchplate.measurement import Measurement
 from torchplate.search import OPTIMIZERS, LeastSquaresStatus
 

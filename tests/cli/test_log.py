@@ -11,9 +11,9 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from tensorboard.plugins.custom_scalar.layout_pb2 import Layout
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
-from torchplate.cli.heartbeat import Heartbeat
-from torchplate.cli.layout import problem_named
-from torchplate.cli.searches import SEARCHES
+from torchplate.cli.config.searches import SEARCHES
+from torchplate.cli.progress.heartbeat import Heartbeat
+from torchplate.cli.progress.layout import problem_named
 
 ONE = ["plate.youngs_modulus"]
 
@@ -172,7 +172,7 @@ def test_a_resumed_curve_follows_in_the_same_second_and_after_the_clock_was_set_
 def test_curves_are_on_the_disk_before_the_checkpoint_that_follows_them(bench, monkeypatch):
     read = []
     monkeypatch.setattr(
-        "torchplate.cli.log.save_checkpoint",
+        "torchplate.cli.progress.log.save_checkpoint",
         lambda _, path: read.append(len(events(path.parent).Scalars("search/best_objective"))),
     )
     bench.run(ONE, {"search.n_generation": 3, "search.tolerance": None})
@@ -208,7 +208,7 @@ class TestHeartbeat:
 
     @pytest.mark.parametrize("optimizer", ["least_squares", "differential_evolution"])
     def test_a_piped_search_says_lines(self, bench, make_config, command, monkeypatch, optimizer):
-        monkeypatch.setattr("torchplate.cli.heartbeat.EVERY", 1e-3)
+        monkeypatch.setattr("torchplate.cli.progress.heartbeat.EVERY", 1e-3)
         search = {"optimizer": optimizer, "n_member": 6, "n_generation": 3}
         path = bench.write(make_config(["plate.youngs_modulus", "wires.stiffness"], {"search": search}))
         status, stdout, _ = command("run", path, "--out", bench.folder / "out")

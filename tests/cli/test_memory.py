@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from torchplate.cli import memory
+from torchplate.cli.config import memory
 from torchplate.plate import Mesh
 
 GIGABYTE = 1e9

@@ -8,7 +8,7 @@ import pytest
 import torch
 from rich.console import Console
 
-from torchplate.cli.build import load_model, load_run
+from torchplate.cli.config.build import load_model, load_run
 from torchplate.measurement import Channel, Measurement, ModalModel, read_modal_model, write_modal_model
 from torchplate.model import modes_at
 
@@ -111,7 +111,7 @@ def test_band_frame_and_nodes_hold_for_a_modal_model(bench, modes_file, make_con
 
 
 def test_diagnose_numbers_the_modes_by_their_shapes(bench, modes_file, monkeypatch):
-    import torchplate.cli.diagnose as verb
+    import torchplate.cli.verbs.diagnose as verb
 
     class ReachedError(Exception):
         pass

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from torchplate.cli.build import load_run
+from torchplate.cli.config.build import load_run
 from torchplate.cli.main import main
 from torchplate.measurement import Channel, Measurement, read_measurement, write_uff
 from torchplate.studies.chairs import ROVED

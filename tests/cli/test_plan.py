@@ -10,10 +10,10 @@ import torch
 import yaml
 from rich.console import Console
 
-from torchplate.cli.build import load_model, load_run
-from torchplate.cli.folder import HYPOTHESES, relocated
+from torchplate.cli.config.build import load_model, load_run
+from torchplate.cli.folder.opening import HYPOTHESES, relocated
 from torchplate.cli.main import main
-from torchplate.cli.plan import plan, read_doubts
+from torchplate.cli.verbs.plan import plan, read_doubts
 from torchplate.diagnosis.rivals import Doubt, Rival
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import SI_UNIT, Channel, Measurement
@@ -185,7 +185,7 @@ def test_a_config_that_changed_since_is_diagnosed_anew(planned, monkeypatch):
         asked.append(folder)
         write_diagnosis(load_run(config, others[0]), folder, [], "consistent")
 
-    monkeypatch.setattr("torchplate.cli.plan.diagnose", diagnosed)
+    monkeypatch.setattr("torchplate.cli.verbs.plan.diagnose", diagnosed)
     # Without hypotheses it ends there.
     with pytest.raises(ValueError, match="Expected FRFs for a plan"):
         plan(planned.path, overrides=["mesh.n_x=4"], console=Console(file=StringIO()))

@@ -3,10 +3,10 @@
 import pytest
 import yaml
 
-from torchplate.cli.config import Config, InputError, read_config
+from torchplate.cli.config import InputError, read_config
 from torchplate.cli.main import main
-from torchplate.cli.reference import REQUIRED, arguments_of, flow, sections
-from torchplate.cli.schema import Known, Unknown, model_in
+from torchplate.cli.schema import Config, Known, Unknown, model_in
+from torchplate.cli.verbs.keys import REQUIRED, arguments_of, flow, sections
 from torchplate.nearest import nearest
 
 SMALLEST = {"mesh": {"length_x": 0.4, "length_y": 0.3, "n_x": 4, "n_y": 3}, "effects": {"plate": {"effect": "plate"}}}

@@ -9,9 +9,9 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from torchplate.cli.build import load_model
 from torchplate.cli.config import InputError
-from torchplate.cli.run import run
+from torchplate.cli.config.build import load_model
+from torchplate.cli.verbs.run import run
 
 PNG = b"\x89PNG\r\n\x1a\n"
 SEARCHES = ("de", "abc")

@@ -5,7 +5,7 @@ import runpy
 import pytest
 import torch
 
-from torchplate.cli.build import load_model
+from torchplate.cli.config.build import load_model
 from torchplate.effects import CATALOGUE, options
 from torchplate.measurement import read_measurement
 

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from torchplate.cli.build import load_run
 from torchplate.cli.config import InputError
+from torchplate.cli.config.build import load_run
 
 MESH = {"length_x": 0.38, "length_y": 0.01, "n_x": 8, "n_y": 1, "edges": {"x0": "clamped"}}
 PLATE = {

@@ -7,8 +7,8 @@ import sys
 import pytest
 
 import torchplate
+from torchplate.cli.arguments import VERBS
 from torchplate.cli.main import main, parser
-from torchplate.cli.verbs import VERBS
 
 
 def modules_after(code: str) -> set[str]:

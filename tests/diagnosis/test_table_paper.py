@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from torchplate.cli.diagnose import diagnose
+from torchplate.cli.verbs.diagnose import diagnose
 
 pytestmark = pytest.mark.check
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from torchplate.cli.config import Config
+from torchplate.cli.arguments import VERBS
 from torchplate.cli.main import parser
-from torchplate.cli.verbs import VERBS
+from torchplate.cli.schema import Config
 from torchplate.effects import CATALOGUE, find_effect, options
 
 ROOT = Path(__file__).parents[2]

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 import torchplate
-from torchplate.cli.reference import sections
-from torchplate.cli.verbs import VERBS
+from torchplate.cli.arguments import VERBS
+from torchplate.cli.verbs.keys import sections
 from torchplate.effects import CATALOGUE
 
 ROOT = Path(__file__).parents[2]

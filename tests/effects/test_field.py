@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.cli.build import load_model
+from torchplate.cli.config.build import load_model
 from torchplate.effects import Field, GroundSpring, HystereticDamping, Plate
 from torchplate.model import PlateModel
 from torchplate.plate import Mesh

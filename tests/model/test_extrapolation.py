@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from torchplate.cli.build import load_model, load_run
+from torchplate.cli.config.build import load_model, load_run
 from torchplate.effects import MeshDiscretisation, Plate
 from torchplate.model import PlateModel, Searched, SparseModel, extrapolate, reduce
 from torchplate.model.reduced_basis import ritz_basis

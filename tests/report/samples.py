@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from torchplate.cli.writing import write_files
+from torchplate.cli.folder.writing import write_files
 from torchplate.diagnosis.result import (
     Band,
     ChannelGap,

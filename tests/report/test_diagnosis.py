@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from torchplate.cli.log import log_diagnosis
+from torchplate.cli.progress.log import log_diagnosis
 from torchplate.diagnosis.result import Location, Step
 from torchplate.report import verdict_sentence
 from torchplate.report.assurance_figure import caption

@@ -6,9 +6,9 @@ import pytest
 import torch
 from rich.console import Console
 
-from torchplate.cli.frf import Conversion, frf
 from torchplate.cli.main import main as torchplate
 from torchplate.cli.main import parser
+from torchplate.cli.verbs.frf import Conversion, frf
 from torchplate.effects import HystereticDamping, Plate
 from torchplate.measurement import Layout, read_measurement
 from torchplate.model import PlateModel, extrapolate

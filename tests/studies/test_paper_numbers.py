@@ -5,8 +5,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from torchplate.cli.build import load_run
-from torchplate.cli.simulate import simulate
+from torchplate.cli.config.build import load_run
+from torchplate.cli.verbs.simulate import simulate
 
 # The row "10 × 10 mesh, DE": where the search ends on the virtual test of configs/virtual_plate.yaml, and what is left.
 FOUND = {

@@ -81,9 +81,9 @@ def corpus(folder: Path) -> dict[str, bytes]:
     import torch
     from scipy.io import savemat, wavfile
 
-    from torchplate.cli.build import load_run
-    from torchplate.cli.descents import DescentFile
-    from torchplate.cli.log import save_checkpoint
+    from torchplate.cli.config.build import load_run
+    from torchplate.cli.folder.descents import DescentFile
+    from torchplate.cli.progress.log import save_checkpoint
     from torchplate.measurement import SI_UNIT, Channel, Measurement, ModalModel, write_modal_model, write_uff
     from torchplate.search import Descent, DifferentialEvolution, minimize
 
@@ -150,9 +150,9 @@ def readers(name: str) -> list[Callable[[Path], object]]:
     """All that a file of this name may be given to."""
     import torch
 
-    from torchplate.cli.build import load_run
-    from torchplate.cli.descents import DescentFile
-    from torchplate.cli.folder import read_checkpoint
+    from torchplate.cli.config.build import load_run
+    from torchplate.cli.folder.descents import DescentFile
+    from torchplate.cli.folder.opening import read_checkpoint
     from torchplate.measurement import (
         assess,
         describe,

@@ -85,7 +85,7 @@ class Killing:
         """Write the measurement: the true plate's exact FRFs; for a diagnosis a mass is hidden on it."""
         import torch
 
-        from torchplate.cli.build import load_model
+        from torchplate.cli.config.build import load_model
         from torchplate.measurement import SI_UNIT, Channel, Measurement
 
         hidden = {"hidden": {"effect": "point_mass", "x": 0.31, "y": 0.68, "mass": 0.03}}
@@ -201,7 +201,7 @@ def in_a_write(nth: int, half: bool) -> Callable[[], None]:
     """Kills its own process in the nth writing of a file: with half of it written, or before it takes its name."""
 
     def arm() -> None:
-        from torchplate.cli import writing
+        from torchplate.cli.folder import writing
 
         count, own = iter(range(1, 1_000_000)), writing.write_bytes
 
@@ -212,7 +212,7 @@ def in_a_write(nth: int, half: bool) -> Callable[[], None]:
                     os.kill(os.getpid(), signal.SIGKILL)
             own(path, content)
 
-        for name in ("writing", "log", "descents"):
+        for name in ("folder.writing", "progress.log", "folder.descents"):
             module = __import__(f"torchplate.cli.{name}", fromlist=["write_bytes"])
             module.write_bytes = write_bytes
 
@@ -267,15 +267,15 @@ def not_whole(out: Path) -> list[str]:
 
 def without_rendering() -> None:
     """Figures are made and not rendered, which takes most of the time of a run so small."""
-    import torchplate.cli.diagnose
-    import torchplate.cli.log
-    import torchplate.cli.run
+    import torchplate.cli.progress.log
+    import torchplate.cli.verbs.diagnose
+    import torchplate.cli.verbs.run
     import torchplate.report.page
     import torchplate.report.run
 
     torchplate.report.run.png = lambda *_: b"\x89PNG\r\n\x1a\n"  # type: ignore[assignment]
     torchplate.report.page._picture = lambda _: ""  # type: ignore[assignment]
-    torchplate.cli.log.log_figures = lambda *_: {}  # type: ignore[assignment]
+    torchplate.cli.progress.log.log_figures = lambda *_: {}  # type: ignore[assignment]
 
 
 def main() -> int:

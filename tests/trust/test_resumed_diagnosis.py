@@ -5,8 +5,8 @@ import json
 import pytest
 import torch
 
-from torchplate.cli import descents
-from torchplate.cli.folder import DESCENTS
+from torchplate.cli.folder import descents
+from torchplate.cli.folder.opening import DESCENTS
 from torchplate.search import Descent, Recall, least_squares, recalled, recalling
 
 ONE = ["plate.youngs_modulus"]

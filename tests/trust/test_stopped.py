@@ -9,7 +9,7 @@ import threading
 import pytest
 import torch
 
-from torchplate.cli import writing
+from torchplate.cli.folder import writing
 from torchplate.cli.main import main
 
 ONE = ["plate.youngs_modulus"]
@@ -35,7 +35,7 @@ def during(monkeypatch):
             if path.name == "checkpoint.pt" and int(torch.load(path, weights_only=True)["generation"]) == 2:
                 deed()
 
-        monkeypatch.setattr("torchplate.cli.log.write_bytes", write_bytes)
+        monkeypatch.setattr("torchplate.cli.progress.log.write_bytes", write_bytes)
 
     return arrange
 
@@ -51,7 +51,7 @@ def test_a_signal_ends_in_a_sentence_and_the_run_goes_on_to_the_same_result(
         during(lambda: os.kill(os.getpid(), number))
         said(command("run", path, "--out", out), status, "--resume")
     assert signal.getsignal(signal.SIGTERM) == before
-    monkeypatch.setattr("torchplate.cli.log.write_bytes", writing.write_bytes)
+    monkeypatch.setattr("torchplate.cli.progress.log.write_bytes", writing.write_bytes)
     assert command("run", path, "--out", out, "--resume")[0] == 0
     assert json.loads((out / "result.json").read_text()) == whole
 
@@ -67,7 +67,7 @@ def test_a_disk_that_fills_up_without_a_name_is_said_and_the_run_goes_on_to_the_
     path, out = bench.write(make_config(ONE, CHANGES)), bench.folder / "out"
     during(full)
     said(command("run", path, "--out", out), 2, "No space left", "Make room", "--resume")
-    monkeypatch.setattr("torchplate.cli.log.write_bytes", writing.write_bytes)
+    monkeypatch.setattr("torchplate.cli.progress.log.write_bytes", writing.write_bytes)
     assert command("run", path, "--out", out, "--resume")[0] == 0
     assert json.loads((out / "result.json").read_text()) == whole
 
@@ -95,7 +95,7 @@ def test_a_thread_that_finds_the_disk_full_prints_no_traceback(capsys, monkeypat
             thread.start()
             thread.join()
 
-    monkeypatch.setattr("torchplate.cli.catalogue.effects", effects)
+    monkeypatch.setattr("torchplate.cli.verbs.effects.effects", effects)
     shown: list[type[BaseException]] = []
     monkeypatch.setattr(threading, "excepthook", lambda told: shown.append(told.exc_type))
     assert main(["effects"]) == 0
@@ -119,7 +119,7 @@ def test_what_the_machine_refuses_is_said(monkeypatch, capfd, error, status, wor
     def effects(_: object) -> None:
         raise error
 
-    monkeypatch.setattr("torchplate.cli.catalogue.effects", effects)
+    monkeypatch.setattr("torchplate.cli.verbs.effects.effects", effects)
     with monkeypatch.context() as patch:
         patch.setattr("torchplate.cli.main.os.dup2", lambda *_: None)
         assert main(["effects"]) == status
@@ -132,6 +132,6 @@ def test_another_runtime_error_is_a_defect(monkeypatch):
     def effects(_: object) -> None:
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr("torchplate.cli.catalogue.effects", effects)
+    monkeypatch.setattr("torchplate.cli.verbs.effects.effects", effects)
     with pytest.raises(RuntimeError, match="a defect"):
         main(["effects"])

@@ -11,8 +11,8 @@ import torch
 from rich.console import Console
 
 import torchplate
-from torchplate.cli.inspect import inspect
-from torchplate.cli.run import run
+from torchplate.cli.verbs.inspect import inspect
+from torchplate.cli.verbs.run import run
 from torchplate.measurement import Measurement, write_uff
 
 SOURCE = Path(torchplate.__file__).parent
@@ -32,11 +32,11 @@ NEVER = re.compile(
 LISTENS = re.compile(r"(^|\.)(bind|listen|accept|HTTPServer|TCPServer|serve_forever|create_server|start_server)$")
 MODULES = ("pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal", "http.server", "socketserver")
 # Processes of one run tell each other the search; rank 0 has written it, in memory.
-OWN_PROCESSES = {("cli/ranks.py", "torch.load")}
+OWN_PROCESSES = {("cli/machine/ranks.py", "torch.load")}
 # The benchmark starts this very Python again, with no word of a file.
 BENCHMARK = {
     ("bench/scaling.py", "subprocess.run"),
-    ("cli/bench.py", "subprocess.run"),
+    ("cli/verbs/bench.py", "subprocess.run"),
     ("studies/chairs.py", "subprocess.run"),
 }
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-from torchplate.cli.verbs import VERBS
+from torchplate.cli.arguments import VERBS
 
 # What the machine may refuse, and what the user can do about it.
 OUTSIDE = {
@@ -105,7 +105,7 @@ def _main(given: list[str]) -> int:
     parsed = parser(verb).parse_args(given)
 
     from torchplate.cli.config import InputError
-    from torchplate.cli.ranks import Ended
+    from torchplate.cli.machine.ranks import Ended
     from torchplate.measurement import MeasurementError, plain
 
     try:

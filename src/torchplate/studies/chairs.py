@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.io import wavfile
 
-from torchplate.cli.simulate import simulate
+from torchplate.cli.verbs.simulate import simulate
 from torchplate.discrepancy import percent
 from torchplate.effects import HystereticDamping, Plate
 from torchplate.measurement import Channel, read_measurement, write_uff

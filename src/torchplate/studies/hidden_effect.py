@@ -11,8 +11,8 @@ from pathlib import Path
 from rich.console import Console
 
 from torchplate.cli.config import InputError
-from torchplate.cli.diagnose import diagnose
-from torchplate.cli.simulate import simulate
+from torchplate.cli.verbs.diagnose import diagnose
+from torchplate.cli.verbs.simulate import simulate
 from torchplate.measurement import MeasurementError
 
 CONFIGS = Path("configs")

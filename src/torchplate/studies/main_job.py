@@ -6,10 +6,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from torchplate.cli.compare import compare
 from torchplate.cli.config import InputError
-from torchplate.cli.run import run
-from torchplate.cli.simulate import simulate
+from torchplate.cli.verbs.compare import compare
+from torchplate.cli.verbs.run import run
+from torchplate.cli.verbs.simulate import simulate
 from torchplate.measurement import MeasurementError
 
 CONFIGS = Path("configs")

@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from torchplate.cli.config import dump
-from torchplate.cli.diagnose import diagnose
+from torchplate.cli.verbs.diagnose import diagnose
 from torchplate.measurement import Measurement, read_measurement
 
 DATA = Path("../shared/data")

@@ -18,11 +18,11 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from torchplate.cli.build import load_model, load_run
-from torchplate.cli.compare import compare
 from torchplate.cli.config import InputError
-from torchplate.cli.run import run
-from torchplate.cli.simulate import simulate
+from torchplate.cli.config.build import load_model, load_run
+from torchplate.cli.verbs.compare import compare
+from torchplate.cli.verbs.run import run
+from torchplate.cli.verbs.simulate import simulate
 from torchplate.measurement import MeasurementError
 from torchplate.report import Compared
 

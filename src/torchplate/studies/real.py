@@ -14,9 +14,9 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from torchplate.cli.build import load_run
 from torchplate.cli.config import InputError
-from torchplate.cli.diagnose import diagnose
+from torchplate.cli.config.build import load_run
+from torchplate.cli.verbs.diagnose import diagnose
 from torchplate.diagnosis import Diagnosis
 from torchplate.discrepancy import percent
 from torchplate.measurement import MeasurementError

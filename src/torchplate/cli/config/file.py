@@ -1,0 +1,172 @@
+"""A run is one YAML file: read and checked here.
+
+The only file that imports yaml; `schema` says what the file may hold. Whatever the user wrote wrong comes back as one
+InputError sentence that names the file, the key, what was expected and what came.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from torchplate.cli.schema import Config, ConfigError, validated, validated_states
+from torchplate.nearest import nearest
+
+# A measurement given where a config belongs.
+NOT_CONFIGS = (".uff", ".unv", ".uf", ".npz")
+
+
+MOST, DEEPEST = 100_000, 40
+"""Values in a config, and levels of them; far more than anyone writes."""
+
+
+class InputError(ValueError):
+    """The user's input cannot be used; the message is the whole sentence for stderr."""
+
+
+def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any], Config]:
+    """Read and check a config.
+
+    Args:
+        path: a YAML file.
+        overrides: "key.key=value" each, the value in YAML.
+
+    Returns:
+        What the file says with the overrides in it, and the same checked.
+
+    Raises:
+        InputError: if the file is absent, is not YAML, or a key is unknown or has the wrong kind of value.
+    """
+    if path.suffix.lower() in NOT_CONFIGS:
+        raise InputError(
+            f"{path}: Expected a config (YAML), got the suffix of a measurement. Name the file in a config under "
+            f"measurement.file; `torchplate inspect {path}` says what it holds."
+        )
+    if not path.is_file():
+        near = nearest(path.name, [other.name for other in path.parent.glob("*.yaml")])
+        guess = f" Did you mean {path.parent / near}?" if near else ""
+        raise InputError(f"{path}: Expected a config file, found none.{guess} Give the path of a YAML file.")
+    try:
+        text = path.read_text(encoding="utf-8")
+        node = yaml.compose(text, yaml.SafeLoader)
+        if _size(node) > MOST:
+            raise InputError(
+                f"{path}: Expected a config, got YAML that grows to more than {MOST} values or is nested without end. "
+                "Write it out without anchors."
+            )
+        raw, twice = yaml.safe_load(text), _given_twice(node)
+    except (yaml.YAMLError, RecursionError, OverflowError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        problem = " ".join(str(error).split())
+        raise InputError(f"{path}: Expected YAML, got a file that is not ({problem}). Correct it there.") from None
+    if twice is not None:
+        key, *lines = twice
+        raise InputError(
+            f"{path}: {key}: Expected each key once, got it in lines {lines[0]} and {lines[1]}. Keep one of them."
+        )
+    if not isinstance(raw, dict):
+        raise InputError(
+            f"{path}: Expected keys such as mesh and effects, got {type(raw).__name__}. `torchplate keys` lists them."
+        )
+    raw = _numbers(raw)
+    for override in overrides:
+        _override(raw, override)
+    return raw, checked(path, raw)
+
+
+def _size(node: yaml.Node | None, depth: int = 0) -> int:
+    """Values that YAML stands for once its anchors are followed; more than `MOST` of one that has no end.
+
+    Anchors of anchors make a short text a large config.
+    """
+    if depth > DEEPEST:
+        return MOST + 1
+    inner = [part for pair in node.value for part in pair] if isinstance(node, yaml.MappingNode) else []
+    inner = list(node.value) if isinstance(node, yaml.SequenceNode) else inner
+    size = 1
+    for one in inner:
+        size += _size(one, depth + 1)
+        if size > MOST:
+            break
+    return size
+
+
+def _given_twice(node: yaml.Node | None, where: str = "") -> tuple[str, int, int] | None:
+    """The first key that a mapping holds twice, which PyYAML takes in silence, and its two lines, counted from 1."""
+    if isinstance(node, yaml.SequenceNode):
+        return next((found for item in node.value if (found := _given_twice(item, where))), None)
+    if not isinstance(node, yaml.MappingNode):
+        return None
+    lines: dict[str, int] = {}
+    for key, value in node.value:
+        name, line = str(key.value), key.start_mark.line + 1
+        full = f"{where}.{name}" if where else name
+        if name in lines:
+            return full, lines[name], line
+        lines[name] = line
+        if (found := _given_twice(value, full)) is not None:
+            return found
+    return None
+
+
+def checked(path: Path, raw: dict[str, Any]) -> Config:
+    """The config that a file says, each key and kind of value checked; of several states that of the first.
+
+    Raises:
+        InputError: if a key is unknown or has the wrong kind of value.
+    """
+    try:
+        if isinstance(raw.get("measurement"), list):
+            return next(iter([validated(alone) for _, alone in validated_states(raw)]))
+        return validated(raw)
+    except ConfigError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def dump(raw: Mapping[str, Any]) -> str:
+    """A config as YAML, in the order it was written."""
+    return yaml.safe_dump(dict(raw), sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
+
+
+def _numbers(value: Any) -> Any:
+    """PyYAML reads 2.1e11 and 1e-3 as text; the user meant numbers."""
+    if isinstance(value, dict):
+        return {key: _numbers(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_numbers(inner) for inner in value]
+    return float(value) if isinstance(value, str) and _NUMBER.fullmatch(value) else value
+
+
+def _override(raw: dict[str, Any], text: str) -> None:
+    key, sign, value = text.partition("=")
+    if not sign or not key:
+        raise InputError(f"--set {text}: Expected key.key=value, got no value. Write --set search.seed=3, say.")
+    *parents, last = key.split(".")
+    target = raw
+    for parent in parents:
+        if isinstance(target, dict) and parent == "measurement" and isinstance(target.get(parent), list):
+            raise InputError(
+                f"--set {text}: Expected one measurement, got a list of states. Change the file, or give a state's key "
+                "there."
+            )
+        target = target.setdefault(parent, {})
+        if not isinstance(target, dict):
+            raise InputError(f"--set {text}: Expected {parent} to hold keys, got {target!r}. Shorten the key.")
+    try:
+        node = yaml.compose(value, yaml.SafeLoader)
+        if _size(node) > MOST:
+            raise InputError(f"--set {key}: Expected a value, got one that grows without end. Write it out.")
+        target[last] = _numbers(yaml.safe_load(value))
+        twice = _given_twice(node, key)
+    except (yaml.YAMLError, RecursionError, OverflowError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"--set {text}: Expected a YAML value, got '{value}'. Put it in quotes.") from None
+    if twice is not None:
+        raise InputError(f"--set {text}: Expected each key once, got {twice[0]} twice. Keep one of them.")

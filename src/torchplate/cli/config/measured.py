@@ -1,0 +1,109 @@
+"""A config and the measurement that it names, read and placed on the plate."""
+
+import dataclasses
+import functools
+import os
+
+from torchplate.cli.config.recipe import Recipe
+from torchplate.cli.schema import FrameConfig
+from torchplate.measurement import (
+    Channel,
+    Frame,
+    Imperfections,
+    Measurement,
+    ModalModel,
+    Placement,
+    in_frame,
+    place,
+    read_measurement,
+    read_modal_model,
+    read_nodes,
+    with_nodes,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured(Recipe):
+    """A checked config with what was measured; see `Recipe`."""
+
+    @property
+    def has_file(self) -> bool:
+        """Whether the measurement's file is there."""
+        file = self.config.measurement.file
+        return file is not None and (self.path.parent / file).exists()
+
+    def measurement(self) -> Measurement | None:
+        """The FRFs of the measurement file, cut to the band, without dead ones; None where the config names no file."""
+        return self._frfs
+
+    @functools.cached_property
+    def _frfs(self) -> Measurement | None:
+        settings = self.config.measurement
+        if settings.file is None:
+            return None
+        path = self.path.parent / settings.file
+        if not path.exists():
+            here = (
+                f" {settings.file} is there, but paths count from the config's folder:"
+                if settings.file.exists()
+                else ""
+            )
+            near = os.path.relpath(settings.file, self.path.parent)
+            action = f"{here} write {near}." if here else " Correct the path, which counts from the config's folder."
+            raise self.error("measurement.file", f"Expected a file, found none at {path}.{action}")
+        frame = self.told("measurement.frame", lambda: Frame(**(settings.frame or FrameConfig()).model_dump()))
+        frfs = self.told("measurement.file", lambda: read_measurement(path, settings.kind, frame.normal))
+        if settings.nodes is not None:
+            table = self.path.parent / settings.nodes
+            frfs = self.told("measurement.nodes", lambda: with_nodes(frfs, read_nodes(table), str(table)))
+        if settings.frame is not None:
+            frfs = in_frame(frfs, frame)
+        if settings.band is not None:
+            band = settings.band
+            frfs = self.told("measurement.band", lambda: frfs.band(*band))
+        return self.told("measurement.file", frfs.without_zeros)
+
+    def placement(self, frfs: Measurement) -> Placement:
+        """Where the measurement's responses and references sit on the plate."""
+        settings = self.config.mesh
+        sides = settings.length_x.value, settings.length_y.value
+        return self.told("measurement.file", lambda: place(frfs, *sides, settings.n_x, settings.n_y))
+
+    @functools.cached_property
+    def modal_model(self) -> ModalModel | None:
+        """The modes of the modal model's file within the band, its points on the plate; None where there is none."""
+        settings = self.config.measurement
+        if settings.modal_model is None:
+            return None
+        path = self.path.parent / settings.modal_model.file
+        frame = self.told("measurement.frame", lambda: Frame(**(settings.frame or FrameConfig()).model_dump()))
+        found = self.told("measurement.modal_model", lambda: read_modal_model(path, frame.normal))
+        if settings.nodes is not None:
+            table = self.path.parent / settings.nodes
+            nodes = self.told("measurement.nodes", lambda: read_nodes(table))
+            if missing := sorted({one.node for one in found.point} - set(nodes)):
+                raise self.error(
+                    "measurement.nodes",
+                    f"Expected every point of the mode shapes, got none of {missing[:6]}. Add them.",
+                )
+            found = found.with_points(lambda one: dataclasses.replace(one, coordinate=nodes[one.node]))
+        if settings.frame is not None:
+            found = found.with_points(lambda one: _moved(one, frame))
+        if settings.band is not None:
+            band = settings.band
+            found = self.told("measurement.band", lambda: found.band(*band))
+        return found
+
+    def imperfections(self) -> Imperfections:
+        """What the test is not perfect in, as far as the config tells."""
+        settings = self.config.measurement
+        return Imperfections(
+            **{field.name: getattr(settings, field.name) for field in dataclasses.fields(Imperfections)}
+        )
+
+
+def _moved(channel: Channel, frame: Frame) -> Channel:
+    """A channel with its coordinates in the plate's own axes."""
+    if channel.coordinate is None:
+        return channel
+    return dataclasses.replace(channel, coordinate=frame.on_plate(channel.coordinate))

@@ -1,0 +1,189 @@
+"""`torchplate inspect FILE`: what a measurement file holds, what looks wrong in it, and one figure."""
+
+import shlex
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from torchplate.cli.folder.writing import whole
+from torchplate.measurement import (
+    RECORD_SUFFIX,
+    UFF_SUFFIX,
+    Contents,
+    Measurement,
+    MeasurementError,
+    Quality,
+    Recording,
+    assess,
+    describe,
+    read_measurement,
+    read_recordings,
+)
+
+
+def inspect(path: Path, out: Path | None = None, console: Console | None = None) -> Path | None:
+    """Describe a file; report on its FRFs, where there are any, and save one figure of them.
+
+    Args:
+        path: A universal file, an .npz archive, or time records (WAV, MAT, CSV, LVM).
+        out: Folder of the figure; by default runs/inspect, under the current folder.
+        console: Where the report goes; by default the terminal.
+
+    Returns:
+        The figure's path, OUT/<file's stem>.png; None where the file holds no FRFs that can be used.
+
+    Raises:
+        MeasurementError: The file cannot be used.
+    """
+    console = console or Console()
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in RECORD_SUFFIX and (suffix != ".npz" or not _holds_frfs(path)):
+        console.print(_records(read_recordings(path), path))
+        return None
+    contents = describe(path) if suffix in UFF_SUFFIX and path.is_file() else None
+    if contents is not None:
+        console.print(_contents(contents, path))
+        if not contents.has_frf:
+            return None
+    try:
+        measurement = read_measurement(path)
+    except MeasurementError as error:
+        if contents is None:
+            raise
+        console.print(f"[yellow]No report on the FRFs:[/yellow] {escape(str(error))}", highlight=False, soft_wrap=True)
+        return None
+    quality = assess(measurement)
+    console.print(_summary(measurement, quality, Path(path)))
+    if quality.coherence or len(measurement.pairs) > 1:
+        console.print(_channels(measurement, quality))
+    for suspicion in quality.suspicions:
+        console.print(f"[yellow]{suspicion.label}[/yellow]: {escape(suspicion.reason)}", highlight=False)
+    for note in measurement.notes:
+        console.print(f"[yellow]Note:[/yellow] {escape(note)}", highlight=False)
+    from torchplate.report import quality_figure
+
+    folder = Path("runs") / "inspect" if out is None else Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / f"{Path(path).stem}.png"
+    with whole(target) as partial:
+        quality_figure(measurement, quality, path.name).savefig(partial, format="png", dpi=150)
+    console.print(f"Figure: {target}", highlight=False, markup=False, soft_wrap=True)
+    return target
+
+
+def _holds_frfs(path: Path) -> bool:
+    """Whether an archive says it holds FRFs; one that cannot be opened is left to the reader of FRFs to refuse."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return "frf" in archive.files or "force" not in archive.files
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return True
+
+
+def _records(recordings: list[Recording], path: Path) -> Table:
+    table = Table(
+        title=escape(f"{path}: time records"), show_header=False, title_justify="left", box=None, padding=(0, 2)
+    )
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column()
+    first, n = recordings[0], len(recordings)
+    length = len(first.force)
+    table.add_row(
+        "holds",
+        f"{n} recording{'s' if n > 1 else ''} of {length} samples, {first.rate:g} Hz, {length / first.rate:.4g} s",
+    )
+    table.add_row("channels", f"a force up to {np.abs(first.force).max():.4g} and {len(first.response)} responses")
+    name = shlex.quote(path.name)
+    what = f"FRFs from hits: torchplate frf {name} --response NODE ... --out FRFS.uff"
+    table.add_row("what torchplate does", escape(what))
+    return table
+
+
+def _contents(contents: Contents, path: Path) -> Table:
+    table = Table(
+        title=escape(f"{path}: what it holds"), title_justify="left", box=None, padding=(0, 2), header_style="dim"
+    )
+    for head in ("", "holds", "what torchplate does with it"):
+        table.add_column(head)
+    for part in contents.parts:
+        table.add_row(*(escape(text) for text in part))
+    return table
+
+
+def _summary(measurement: Measurement, quality: Quality, path: Path) -> Table:
+    table = Table(title=escape(str(path)), show_header=False, title_justify="left", box=None, padding=(0, 2))
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column()
+    n_response, n_reference = len(measurement.response), len(measurement.reference)
+    table.add_row("FRFs", f"{len(measurement.pairs)} of {n_response} × {n_reference} (responses × references)")
+    table.add_row("responses", " ".join(c.label for c in measurement.response))
+    table.add_row("references", " ".join(c.label for c in measurement.reference))
+    table.add_row("kind, unit", escape(f"{measurement.kind}, {measurement.unit}"))
+    low, high = quality.band
+    step = "uneven step" if quality.step is None else f"step {quality.step:g} Hz"
+    table.add_row("band", f"{low:g} to {high:g} Hz, {step}, {quality.n_line} lines")
+    table.add_row("coordinates", _coordinates(measurement))
+    points = [
+        f"{p.label} (Re mobility < 0 on {p.negative_lines:.0%} of the lines, {p.negative_power:.0%} of the power)"
+        for p in quality.driving_points
+    ]
+    table.add_row("driving points", "\n".join(points) or "none")
+    exchanges = [f"{r.label} against {r.exchanged}: {r.difference:.1%} apart" for r in quality.reciprocity]
+    more = [f"and {len(exchanges) - 10} more pairs"] if len(exchanges) > 10 else []
+    table.add_row("reciprocity", "\n".join(exchanges[:10] + more) or "no pair both ways round")
+    table.add_row("coherence", _coherence(quality))
+    table.add_row("peaks", _peaks(quality))
+    table.add_row("suspicious", f"{len(quality.suspicions)} findings, below" if quality.suspicions else "nothing")
+    return table
+
+
+def _coordinates(measurement: Measurement) -> str:
+    channels = {c.node: c.coordinate for c in (*measurement.response, *measurement.reference)}
+    held = [c for c in channels.values() if c is not None]
+    if not held:
+        return "none: channels are matched to the plate by node number"
+    spans = []
+    for axis, values in zip("xyz", zip(*held, strict=True), strict=True):
+        low, high = min(values), max(values)
+        spans.append(f"{axis} {low:g} m" if low == high else f"{axis} {low:g} to {high:g} m")
+    return f"{len(held)} of {len(channels)} nodes, {', '.join(spans)}"
+
+
+def _coherence(quality: Quality) -> str:
+    if not quality.coherence:
+        return "none in the file"
+    mean = np.mean([c.mean for c in quality.coherence])
+    worst = min(quality.coherence, key=lambda c: c.mean)
+    return f"mean {mean:.4f}; lowest {worst.label}: mean {worst.mean:.4f}, {worst.share_low:.1%} of the lines below 0.8"
+
+
+def _peaks(quality: Quality) -> str:
+    shown = ", ".join(f"{f:.6g}" for f in quality.peaks[:24])
+    rest = f", and {len(quality.peaks) - 24} more" if len(quality.peaks) > 24 else ""
+    return f"{shown} Hz{rest}" if quality.peaks else "none that stands out by 3 dB"
+
+
+def _channels(measurement: Measurement, quality: Quality) -> Table:
+    table = Table(title="Channels", title_justify="left", box=None, padding=(0, 2), header_style="dim")
+    heads = ["FRF", f"rms level [{measurement.unit}]", "line noise"]
+    coherence = {c.label: c for c in quality.coherence}
+    heads += ["coherence mean", "median", "below 0.8"] if coherence else []
+    for index, head in enumerate(heads):
+        # A literal bracket would be read as rich's markup.
+        table.add_column(head.replace("[", r"\["), justify="left" if index == 0 else "right")
+    level = measurement.frf.abs().square().mean(dim=0).sqrt()
+    for j, k in measurement.pairs[:60]:
+        label = measurement.pair_label(j, k)
+        cells = [label, f"{float(level[j, k]):.3g}", f"{quality.line_noise[label]:.1%}"]
+        if label in coherence:
+            own = coherence[label]
+            cells += [f"{own.mean:.4f}", f"{own.median:.4f}", f"{own.share_low:.1%}"]
+        table.add_row(*cells)
+    if len(measurement.pairs) > 60:
+        table.add_row(f"and {len(measurement.pairs) - 60} more")
+    return table

@@ -1,0 +1,96 @@
+"""`torchplate modes FILE`: natural frequencies, damping and mode shapes of measured FRFs."""
+
+import shlex
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from torchplate.cli.config import InputError
+from torchplate.cli.folder.writing import whole
+from torchplate.discrepancy import mac
+from torchplate.measurement import (
+    MODAL_SUFFIX,
+    Analysed,
+    read_measurement,
+    read_nodes,
+    with_nodes,
+    write_modal_model,
+)
+from torchplate.measurement import modes as analyse
+
+# Of the matrix, what a terminal holds in one line.
+MOST_COLUMNS = 12
+
+
+def modes(
+    file: Path,
+    out: Path | None = None,
+    lowest: float | None = None,
+    highest: float | None = None,
+    order: int = 40,
+    nodes: Path | None = None,
+    console: Console | None = None,
+) -> Analysed:
+    """Estimate the modes of measured FRFs, print them, and write them if wanted.
+
+    Args:
+        file: FRFs.
+        out: .csv, .uff, .unv or .uf.
+        lowest: end of the band [Hz].
+        highest: the other end [Hz].
+        order: modes at most that the polynomials can hold.
+        nodes: table of the nodes' places [m].
+        console: where is said what was found.
+
+    Raises:
+        InputError: `out` has another suffix, or the order is too low.
+        MeasurementError: The FRFs cannot be used, or the package for it is not there.
+    """
+    console = console or Console()
+    if out is not None and out.suffix.lower() not in MODAL_SUFFIX:
+        raise InputError(f"--out {out}: Expected a name that ends in .csv or .uff, got '{out.suffix}'. Rename it.")
+    if order < 4:
+        raise InputError(f"--order {order}: Expected 4 or more, got {order}. Raise it.")
+    measurement = read_measurement(file)
+    if nodes is not None:
+        measurement = with_nodes(measurement, read_nodes(nodes), str(nodes))
+    found = analyse(measurement, lowest, highest, order)
+    _say(found, console)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with whole(out) as partial:
+            write_modal_model(found.model, partial, out.suffix)
+        console.print(f"Modes: {out}", highlight=False, markup=False, soft_wrap=True)
+        key = f"measurement: {{modal_model: {{file: {shlex.quote(out.name)}}}}}"
+        console.print(f"Next: in a config, {key}", highlight=False, markup=False, soft_wrap=True)
+    return found
+
+
+def _say(found: Analysed, console: Console) -> None:
+    model = found.model
+    table = Table("mode", "frequency [Hz]", "damping ratio [%]", "indicator", "collinearity", "orders [%]",
+                  box=None, padding=(0, 2))  # fmt: skip
+    for index, (hertz, ratio) in enumerate(zip(model.frequency.tolist(), model.damping_ratio.tolist(), strict=True)):
+        told = (found.indicator[index], found.collinearity[index])
+        numbers = [f"{hertz:.3f}", f"{100 * ratio:.3f}", *(f"{one:.2f}" for one in told)]
+        table.add_row(str(index + 1), *numbers, f"{100 * found.orders[index]:.0f}")
+    console.print(table)
+    console.print(
+        "  indicator: 1 where all FRFs are in quadrature with the force; collinearity: 1 where all points move in "
+        "phase; orders: in how many fits the mode came back.",
+        highlight=False,
+        style="dim",
+    )
+    if len(model.point) > 2:
+        alike = mac(model.shape, model.shape)
+        n_mode = min(len(alike), MOST_COLUMNS)
+        console.print("MAC of the modes with each other [%]", highlight=False)
+        matrix = Table("", *(str(number + 1) for number in range(n_mode)), box=None, padding=(0, 1))
+        for number, row in enumerate(alike[:n_mode, :n_mode].tolist(), start=1):
+            matrix.add_row(str(number), *(f"{100 * value:.0f}" for value in row))
+        console.print(matrix)
+        if len(alike) > n_mode:
+            console.print(f"  of the first {n_mode}; --out writes all shapes.", style="dim", highlight=False)
+    for note in model.notes:
+        console.print(f"  Note: {note}", highlight=False, markup=False, soft_wrap=True)

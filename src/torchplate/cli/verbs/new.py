@@ -1,0 +1,96 @@
+"""`torchplate new FILE`: a commented config for a measurement, that runs as it is."""
+
+import math
+import os
+from pathlib import Path
+
+from rich.console import Console
+
+from torchplate.cli.config import InputError
+from torchplate.cli.config.build import load_run
+from torchplate.cli.folder.writing import write_text
+from torchplate.cli.verbs.new_draft import UNKNOWN, Draft, Wishes, drafted
+from torchplate.cli.verbs.new_text import compose
+from torchplate.measurement import METRES
+
+
+def new(file: Path | str, wishes: Wishes, out: Path | None = None, console: Console | None = None) -> Path:
+    """Write a config for a measurement.
+
+    Args:
+        file: The measurement.
+        wishes: What is known of the plate.
+        out: The config; by default the file's name with .yaml, in the current folder.
+        console: Where is said what was taken from where.
+
+    Raises:
+        InputError: Something that was told cannot be.
+        MeasurementError: The file cannot be used.
+    """
+    console = console or Console()
+    file, out = Path(file), Path(out or f"{Path(file).stem}.yaml")
+    if out.exists():
+        raise InputError(f"--out {out}: Expected a new file, got one that exists. Name another, or remove it.")
+    if out.suffix not in (".yaml", ".yml"):
+        raise InputError(f"--out {out}: Expected a name that ends in .yaml, got '{out.suffix}'. Rename it.")
+    _check(wishes)
+    draft = drafted(file, wishes)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_text(out, compose(draft, os.path.relpath(file.resolve(), out.resolve().parent), _table(wishes, out)))
+    load_run(out).model()  # a config that does not run would be a defect of ours
+    _say(draft, out, console)
+    return out
+
+
+def _check(wishes: Wishes) -> None:
+    numbers = {"--thickness": wishes.thickness, "--mass": wishes.mass}
+    numbers |= dict(zip(("--length (x)", "--length (y)"), wishes.length or (), strict=False))
+    for name, value in numbers.items():
+        if value is not None and not 0 < value < math.inf:
+            unit = "kg" if name == "--mass" else "m"
+            raise InputError(f"{name}: Expected a number above 0 in {unit}, got {value:g}. Correct it.")
+    if wishes.length is not None and max(wishes.length) > 20:
+        raise InputError(
+            f"--length: Expected sides in m, got {wishes.length[0]:g} and {wishes.length[1]:g}, which look like mm. "
+            f"Write --length {wishes.length[0] / 1e3:g} {wishes.length[1] / 1e3:g}."
+        )
+    if wishes.length is not None and wishes.thickness is not None and wishes.thickness > 0.2 * min(wishes.length):
+        raise InputError(
+            f"--thickness: Expected less than a fifth of the shorter side, in m, got {wishes.thickness:g}. For mm "
+            f"write --thickness {wishes.thickness / 1e3:g}."
+        )
+    if wishes.unit is not None and wishes.unit not in METRES:
+        raise InputError(f"--unit: Expected one of {', '.join(METRES)}, got '{wishes.unit}'. Name one of these.")
+
+
+def _table(wishes: Wishes, out: Path) -> str | None:
+    return None if wishes.nodes is None else os.path.relpath(wishes.nodes.resolve(), out.resolve().parent)
+
+
+def _say(draft: Draft, out: Path, console: Console) -> None:
+    def line(text: str, guess: bool = False) -> None:
+        console.print(f"  {'guess: ' if guess else ''}{text}", highlight=False, markup=False, soft_wrap=True)
+
+    console.print(str(out), style="bold", highlight=False, markup=False, soft_wrap=True)
+    proposal = draft.proposal
+    line(f"plate of {proposal.length_x:g} × {proposal.length_y:g} m ({proposal.sides.text})", proposal.sides.guess)
+    for said in (proposal.unit, proposal.axes, proposal.origin):
+        line(said.text, said.guess)
+    if draft.wishes.thickness is None:
+        line(f"thickness near {1e3 * draft.thickness[1]:.2g} mm, by the number of peaks: give --thickness", True)
+    if draft.material is UNKNOWN:
+        line("material not named, so only h√(E/ρ) can be found: give --material", True)
+    if draft.supports is None and not draft.edges:
+        line("edges and supports taken as free: give --supports or --edge if they are not", True)
+    if draft.first is not None and draft.first > draft.band[1]:
+        line(
+            f"the first natural frequency to expect is {draft.first:.3g} Hz, above the band: check sizes and thickness",
+            True,
+        )
+    line(
+        f"band {draft.band[0]:g} to {draft.band[1]:g} Hz, {draft.cells[0]} × {draft.cells[1]} elements, gain "
+        f"{'known' if draft.gain_is_known else 'unknown'}"
+    )
+    console.print(
+        f"Next: torchplate run {out}; torchplate diagnose {out}", highlight=False, markup=False, soft_wrap=True
+    )
