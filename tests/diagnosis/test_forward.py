@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import pytest
@@ -12,7 +12,9 @@ import torch
 import torchplate as tp
 from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.judged import judged_at
+from torchplate.diagnosis.selection.criterion import choose
 from torchplate.diagnosis.selection.forward import ForwardSelection
+from torchplate.diagnosis.selection.screen import Scored
 from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.measurement import PERFECT, NaturalFrequencies
@@ -311,3 +313,49 @@ def test_a_baseline_that_stopped_too_soon_is_taken_up_from_where_an_effect_led(l
     nearly = lab.leaving(end, 0.1 * end.square)
     assert selection._lower(State(model, stuck), State(model, nearly), ranked, alone=True) is None
     assert selection._lower(State(model, stuck), State(model, end), ranked, alone=True) is not None
+
+
+@torch.no_grad()
+def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, monkeypatch):
+    """A wrong level beside peaks that do not overlap: neither is seen before the other is mended."""
+    scene, said = lab.Scene(), []
+    selection = ForwardSelection(scene.builder, {}, said.append)
+    gain, mass = scene.hypothesis("sensor_gain"), scene.hypothesis("point_mass")
+    far, right = lab.leaving(scene.fit, 1e6), gain.fit
+    alone, both = (replace(one, fit=fit) for one, fit in ((gain, lab.leaving(gain.fit, 1e6)), (mass, right)))
+    signatures = torch.eye(3, dtype=torch.float64)
+
+    def ranked(*drops: float) -> Ranked:
+        names = ("sensor_gain", "density", "thickness")
+        nothing = torch.zeros(0, dtype=torch.float64)
+        promises = [
+            Scored(scene.candidate(name), name, scene.state.model, drop, {}, nothing[None], signature, nothing)
+            for name, drop, signature in zip(names, drops, signatures, strict=True)
+        ]
+        return Ranked(tuple(promises), (alone,))
+
+    begun = []
+
+    def needed(state, rankings):
+        begun.append([one.hypothesis.name for one in state.named])
+        return choose([both], state.fit), rankings[0]
+
+    monkeypatch.setattr(selection, "_needed", needed)
+    state = State(scene.state.model, far)
+    found = selection._two_that_promise(state, [ranked(0.6, 0.3, 0.1)], 3)
+    assert [one.hypothesis.name for one in found.named] == ["sensor_gain", "point_mass"]
+    assert begun == [["sensor_gain"]]
+    assert any("promised much and explains little" in one for one in said)
+    # Not where it promised less than half, where one effect is all that may be added, where nothing was scored, where
+    # something is named, or where noise is left.
+    for one, rankings, most in (
+        (state, [ranked(0.4, 0.3, 0.1)], 3),
+        (state, [ranked(0.6, 0.3, 0.1)], 1),
+        (state, [], 3),
+        (found, [ranked(0.6, 0.3, 0.1)], 3),
+        (State(scene.state.model, right), [ranked(0.6, 0.3, 0.1)], 3),
+    ):
+        assert selection._two_that_promise(one, rankings, most) is None
+    # Nor if both explain no more than none does.
+    both = replace(both, fit=far)
+    assert selection._two_that_promise(state, [ranked(0.6, 0.3, 0.1)], 3) is None

@@ -5,6 +5,7 @@ most promising, name the best with its equivalents, add it; where one alone does
 two. In the end each name is judged again beside the others.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -24,13 +25,16 @@ from torchplate.diagnosis.selection.criterion import (
     Choice,
     Hypothesis,
     choose,
+    evidence,
     is_explained,
     is_needed,
     is_noise,
     known_section,
+    weight_of,
 )
 from torchplate.diagnosis.selection.exchange import Exchange
 from torchplate.diagnosis.selection.ranking import Ranking
+from torchplate.diagnosis.selection.screen import twins
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 from torchplate.diagnosis.settings import Selecting
 from torchplate.diagnosis.target import FrfTarget
@@ -202,7 +206,9 @@ class ForwardSelection:
             state = further or single
             if further is None or not _explains_much(state, self.settings):
                 break
-        return self._ended(_worth_their_names(state, self.settings)), rankings
+        state = _worth_their_names(state, self.settings)
+        state = self._two_that_promise(state, rankings, most_effects) or state
+        return self._ended(state), rankings
 
     def _restarted(self, state: State, choice: Choice) -> Choice:
         """The best hypothesis from where members spread over the box lead, if more than noise is left of it.
@@ -338,6 +344,41 @@ class ForwardSelection:
                 if (settled := self._explained(found)) is not None:
                     return best, settled
         return best, None
+
+    def _two_that_promise(self, state: State, rankings: list[Ranked], most_effects: int) -> State | None:
+        """Two effects of which neither alone explains anything, though smoothed FRFs promised much of one.
+
+        Beside a level that is wrong no peaks overlap, and beside peaks that do not overlap no level is right.
+        """
+        settings = self.settings
+        if state.named or most_effects < 2 or is_noise(state.fit) or not state.fit.by_noise or not rankings:
+            return None
+        ranked = rankings[0]
+        promised = {one.candidate.name: one for one in reversed(ranked.promises)}
+        alike = dict(zip((one.candidate.name for one in ranked.promises), twins(ranked.promises), strict=True))
+        chosen: list[Hypothesis] = []
+        for one in sorted(ranked.hypotheses, key=lambda one: -promised[one.name].drop):
+            much = promised[one.name].drop >= 1 - settings.explains_much
+            if much and not any(other.name in alike[one.name] for other in chosen):
+                chosen.append(one)
+        best: State | None = None
+        for one in chosen[: settings.n_best]:
+            self.say(f"{one.name} promised much and explains little: looking for what else is missing")
+            start = self._added(state, choose(ranked.hypotheses, state.fit, one), ranked)
+            needed = self._needed(start, rankings)
+            if needed is None:
+                continue
+            found = self._added(start, *needed)
+            if best is None or found.fit.cost < best.fit.cost:
+                best = found
+            if is_noise(found.fit):
+                break
+        if best is None:
+            return None
+        weight = weight_of([state.fit, best.fit])
+        none = evidence(state.fit, weight) - 2 * math.log(1 - state.fit.comparison.missing)
+        both = evidence(best.fit, weight) + sum(one.hypothesis.prior for one in best.named)
+        return best if both < none else None
 
     def _needed(self, state: State, rankings: list[Ranked]) -> tuple[Choice, Ranked] | None:
         """The best of the catalogue beside a state, if it is more probable than none; the ranking joins the others."""
