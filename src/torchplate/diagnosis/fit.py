@@ -83,7 +83,7 @@ def fit(
         prior: what is known of its parameters beforehand.
         wide: whether to begin at the wide levels.
         hopeless: sum of squares of the fitted residuals beyond which the first basis is the last, and is left as soon
-            as it leads nowhere near; 0 for a fit in the first basis to its end.
+            as it leads nowhere near.
         about: how far the plate's section wanders, as far as is known at the start.
         begun: where these starts led.
         beat: where it is beyond both, the first basis is the last, and is left as soon as it leads nowhere near.
@@ -113,7 +113,7 @@ def fit(
             best = int(values.argmin())
             position, value = places[best], float(values[best])
         else:
-            joint = Joint(builder, model, specimens, prior, hopeless=hopeless or math.inf, beat=beat.way)
+            joint = Joint(builder, model, specimens, prior, hopeless=hopeless, beat=beat.way)
             position, about, value, way = _jointly(joint, starts, about, begun)
             begun = None
         moved = (position - last).abs().max()

@@ -157,19 +157,21 @@ class ForwardSelection:
         """The fits of the given model and of the last one on the given mesh, error and all.
 
         Whether the mesh shows is asked of a model that lacks nothing else: of the given one only where nothing was
-        named. Else that is told how far off it is, and no more.
+        named.
 
         Args:
             final: the last model.
         """
-        builder, hopeless = ModelBuilder(self.builder.plain, self.builder.target, as_given=True), 0.0
-        begun, unrefined = self.begun, None
-        if not final.named or builder.held:
-            hopeless = self.builder.target.settings.searching.hopeless * begun.fit.square
+        builder, begun, unrefined = (
+            ModelBuilder(self.builder.plain, self.builder.target, as_given=True),
+            self.begun,
+            None,
+        )
+        hopeless = self.builder.target.settings.searching.hopeless
         start = begun.model.space.to_cube(begun.fit.theta)[None]
-        given = fit(builder, builder.given, start, self.prior, hopeless=hopeless)
+        given = fit(builder, builder.given, start, self.prior, hopeless=hopeless * begun.fit.square)
         if final.named and not builder.held:
-            limit = self.builder.target.settings.searching.hopeless * final.fit.square
+            limit = hopeless * final.fit.square
             start, about = final.model.space.to_cube(final.fit.theta)[None], known_section(final.fit)
             unrefined = fit(builder, builder.adopt(final.model), start, self.prior, False, limit, about)
         self.builder.count(builder.n_evaluation)
