@@ -105,6 +105,22 @@ def test_a_step_that_leads_up_is_not_taken(workshop, monkeypatch):
 
 
 @torch.no_grad()
+def test_how_well_a_specimen_is_known_hangs_on_no_interval(workshop):
+    """One hypothesis has a parameter known to a millionth of what is searched, another has not."""
+    builder = workshop.builder
+    wide = {"plate.youngs_modulus": Searched(1e9, 1e16)}
+    every = []
+    for model in (builder.given, builder.given.replaced(searched=builder.given.searched | wide)):
+        plain = builder.reduced(model, TRUTH[None])
+        joint = Joint(builder, model, builder.target.specimens(plain, TRUTH), {})
+        every.append(joint.descend_sharply(model.space.to_cube(TRUTH), workshop.shift).found.spread.diagonal().sqrt())
+    near, far = every
+    # Both end in one place, within what an unknown is worth.
+    assert torch.allclose(near, far, rtol=0.05, atol=1e-3)
+    assert float(near.min()) > 1e-4
+
+
+@torch.no_grad()
 def test_what_cannot_get_near_is_left_soon(workshop, monkeypatch):
     """At the rate of its last part, in all the parts that are left: one that can goes on."""
     builder, joint = workshop.builder, workshop.joint

@@ -174,7 +174,11 @@ class Joint:
         self._before = None
         slope = self._jacobian(*here, channels, sharp, marginal)
         n = len(position)
-        spread = torch.linalg.pinv(slope.mT @ slope, hermitian=True, rtol=1e-12)[n:, n:]
+        # By columns of equal length: a parameter that is known to a millionth of its interval drowns no other.
+        norm = slope.norm(dim=0).clamp(min=1e-300)
+        unit = slope / norm
+        inverse = torch.linalg.pinv(unit.mT @ unit, hermitian=True, rtol=1e-12)
+        spread = (inverse / norm[:, None] / norm)[n:, n:]
         return Ended(here[0], Found(here[1], spread, channels), value, cost)
 
     def beside(self, position: Float[Tensor, " n"], about: Found) -> Problem:
