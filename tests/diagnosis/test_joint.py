@@ -174,6 +174,28 @@ def test_what_is_known_of_a_specimen_is_where_the_next_fit_begins(workshop):
 
 
 @torch.no_grad()
+def test_hypotheses_from_one_specimen_are_compared_beside_one_variance(workshop):
+    """What is not linear adds as much beside each, or −2 ln L would say how well each knows the specimen."""
+    builder = workshop.builder
+    first = fit_from_the_box(builder, builder.given, {})
+    candidate = CATALOGUE["point_mass"]()
+    known = {"lump.x": 0.31, "lump.y": 0.62}
+    heavier = builder.given.replaced(
+        effects={**builder.given.effects, "lump": candidate},
+        known=builder.given.known_values | known,
+        searched=builder.given.searched | {"lump.mass": Searched(0.0, 1e3)},
+    )
+    start = heavier.space.to_cube(torch.cat([first.theta, torch.tensor([1e-3], dtype=torch.float64)]))[None]
+    found = fit(builder, heavier, start, {}, wide=False, about=first.about)
+    n = len(first.about.shift)
+    assert torch.equal(found.about.of(n).spread, first.about.spread)
+    assert torch.equal(found.about.channels.reference_left, first.about.channels.reference_left)
+    assert not torch.equal(found.about.of(n).shift, first.about.shift)
+    # A mass of nothing gains nothing.
+    assert abs(found.cost - first.cost) < 5.0
+
+
+@torch.no_grad()
 def test_hits_far_off_their_marks_are_found_where_they_were(workshop):
     """Seven standard deviations, so far that what they do to an FRF is not linear in the distance any more."""
     builder, far = workshop.builder, 2e-3 / TOLD.position_std

@@ -84,7 +84,8 @@ def fit(
         wide: whether to begin at the wide levels.
         hopeless: sum of squares of the fitted residuals beyond which the first basis is the last, and is left as soon
             as it leads nowhere near.
-        about: how far the plate's section wanders, as far as is known at the start.
+        about: how far the plate's section wanders, as far as is known at the start; with how well that is known, which
+            stays.
         begun: where these starts led.
         beat: where it is beyond both, the first basis is the last, and is left as soon as it leads nowhere near.
     """
@@ -93,7 +94,7 @@ def fit(
         return unfitted(builder, model)
     start = start if begun is None else begun.position[None]
     position = start[0]
-    value, way = torch.inf, math.inf
+    value, way, known = torch.inf, math.inf, about
     for turn in range(settings.most_bases):
         theta = model.space.to_si(position)
         if turn == 0 or (turn == 1 and builder.held):
@@ -115,7 +116,7 @@ def fit(
         else:
             joint = Joint(builder, model, specimens, prior, hopeless=hopeless, beat=beat.way)
             position, about, value, way = _jointly(joint, starts, about, begun)
-            begun = None
+            about, begun = about if known is None else about.as_sure_as(known), None
         moved = (position - last).abs().max()
         far = way > beat.way and target.wandering != UNIFORM
         if 2 * value > hopeless or far:
@@ -134,7 +135,8 @@ def fit(
     if target.wandering == UNIFORM and problem.knows and not turn:
         places, _, _ = problem.descend(position[None], target.levels - 1, settings.n_iteration, settings.free)
         position = places[0]
-    return settled(builder, corrected, plain, prior, position, about, specimens=specimens)._replace(way=way)
+    ended = settled(builder, corrected, plain, prior, position, about, specimens=specimens, known=known)
+    return ended._replace(way=way)
 
 
 def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | None, begun: Begun | None) -> Ended:

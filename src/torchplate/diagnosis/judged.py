@@ -94,6 +94,7 @@ def settled(
     scale: Mapping[str, float] | None = None,
     fitted_on: bool = True,
     specimens: Specimens | None = None,
+    known: Found | None = None,
 ) -> Fit:
     """Judged where it ended, and fitted on beside nuisances as they are found there, unless told not to.
 
@@ -122,6 +123,7 @@ def settled(
                 joint = Joint(builder, model, specimens, prior, scale)
                 shift, channels = (position.new_zeros(0), None) if about is None else (about.shift, about.channels)
                 position, about, *_ = joint.descend_sharply(position, shift, channels)
+                about = about if known is None else about.as_sure_as(known)
             reduced, marginal = beside(position, about, scale)
         found = judged_beside(builder, model, reduced, prior, position, marginal)
         # Likelihoods about a uniform section and about one that wanders are not of one kind.
@@ -139,6 +141,7 @@ def settled(
             scale = smaller
         if further and found.judged.found is not None:
             about = found.judged.found.within(settings.farthest)
+            about = about if known is None else about.as_sure_as(known)
     assert best is not None
     return best
 

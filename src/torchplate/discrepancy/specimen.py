@@ -41,6 +41,11 @@ class OfChannels(NamedTuple):
     level: float = 0.0
     drift: float = 0.0
 
+    def like(self, other: "OfChannels") -> bool:
+        """Whether the same is known of as many channels."""
+        names = (self.of_response, self.of_reference) == (other.of_response, other.of_reference)
+        return names and all(a.shape == b.shape for a, b in zip(self[:2], other[:2], strict=True))
+
     def within(self, most: float) -> "OfChannels":
         """So many standard deviations at most."""
         return self._replace(response=self.response.clamp(-most, most), reference=self.reference.clamp(-most, most))
@@ -118,6 +123,18 @@ class Found(NamedTuple):
         """Shifts of so many standard deviations at most: a model about farther ones would be no plate any more."""
         channels = None if self.channels is None else self.channels.within(most)
         return self._replace(shift=self.shift.clamp(-most, most), channels=channels)
+
+    def as_sure_as(self, other: "Found") -> "Found":
+        """The same, known as well as another is.
+
+        What is not linear adds as much variance as is not known, and hypotheses are compared beside the same.
+        """
+        channels = self.channels
+        if channels is not None and other.channels is not None and channels.like(other.channels):
+            channels = channels._replace(
+                response_left=other.channels.response_left, reference_left=other.channels.reference_left
+            )
+        return self._replace(spread=other.of(len(self.shift)).spread, channels=channels)
 
     def of(self, n: int) -> "Found":
         """The same for so many: modes that came in are as they may be, of those that left nothing is said."""
