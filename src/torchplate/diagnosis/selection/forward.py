@@ -162,11 +162,8 @@ class ForwardSelection:
         Args:
             final: the last model.
         """
-        builder, begun, unrefined = (
-            ModelBuilder(self.builder.plain, self.builder.target, as_given=True),
-            self.begun,
-            None,
-        )
+        builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
+        begun, unrefined = self.begun, None
         hopeless = self.builder.target.settings.searching.hopeless
         start = begun.model.space.to_cube(begun.fit.theta)[None]
         given = fit(builder, builder.given, start, self.prior, hopeless=hopeless * begun.fit.square)
@@ -359,7 +356,9 @@ class ForwardSelection:
         promised = {one.candidate.name: one for one in reversed(ranked.promises)}
         alike = dict(zip((one.candidate.name for one in ranked.promises), twins(ranked.promises), strict=True))
         chosen: list[Hypothesis] = []
-        for one in sorted(ranked.hypotheses, key=lambda one: -promised[one.name].drop):
+        # A support at a place that was found was not scored.
+        scored = [one for one in ranked.hypotheses if one.name in promised]
+        for one in sorted(scored, key=lambda one: -promised[one.name].drop):
             much = promised[one.name].drop >= 1 - settings.explains_much
             if much and not any(other.name in alike[one.name] for other in chosen):
                 chosen.append(one)
