@@ -8,6 +8,7 @@ import torch
 from torchplate.diagnosis.candidates.candidate import vector
 from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements
+from torchplate.diagnosis.candidates.trials import spread_at
 from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.effects.parameter import Prior, nonnegative
@@ -194,3 +195,40 @@ def test_a_support_that_is_not_searched_keeps_all_its_factors_beside_one_that_is
     theta = torch.tensor([300.0], dtype=torch.float64)
     (own,) = [one for one in candidates(beside, theta, CHANNELS) if one.options.get("nodes") == [2, 10, 19]]
     assert own.searched.keys() == {"factor_1", "factor_2", "factor_3"}
+
+
+@pytest.mark.parametrize("name", [one for one, kind in CATALOGUE.items() if {"x", "y"} <= kind.parameters.keys()])
+def test_what_is_tried_at_one_place_is_of_all_strengths(name):
+    model = plate()
+    one = next(one for one in found(model) if one.name == name)
+    members = spread_at(one, 0.3, 0.7, 64)
+    assert len(members) == 64
+    assert {(member["x"], member["y"]) for member in members} == {(0.3, 0.7)}
+    for key, interval in one.searched.items():
+        if key in ("x", "y"):
+            continue
+        values = sorted(member[key] for member in members)
+        assert interval.low <= values[0] < values[-1] <= interval.high
+        neutral = one.neutral.get(key, 0.0)
+        if neutral < interval.low:
+            neutral = 0.0
+        change = sorted(abs(value - neutral) for value in values)
+        # As many below a tenth of the largest as above it, of two decades; and of fewer, about the middle.
+        middle = (change[0] * change[-1]) ** 0.5
+        assert 20 < sum(value < middle for value in change) < 44, key
+
+
+@pytest.mark.parametrize("name", ["hysteretic_damping", "edge_spring", "viscous_damping", "orthotropy", "rib"])
+def test_each_number_of_an_effect_is_tried_alone(name):
+    one = next(one for one in found(plate()) if one.name == name)
+    rest = {key: max(neutral, one.searched[key].low) for key, neutral in one.neutral.items()}
+    alone = {
+        key
+        for trial in one.far
+        for key in rest
+        if trial.values[key] != rest[key]
+        and all(trial.values[other] == at_rest for other, at_rest in rest.items() if other != key)
+    }
+    assert alone == rest.keys()
+    # One that changes nothing is no trial.
+    assert all(any(trial.values[key] != rest[key] for key in rest) for trial in one.far)

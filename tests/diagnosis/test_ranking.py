@@ -237,3 +237,46 @@ def test_those_go_on_that_gained_a_quarter_of_what_the_best_did(scene):
     assert near.cost - 11_900.0 == pytest.approx(near.way - 9_900.0)
     # Without ways there is no racing.
     assert scene.ranking._beat(state, [ended(float("inf"), 0.0)]) == module.NOBODY
+
+
+@torch.no_grad()
+def test_what_else_may_sit_where_the_best_does_is_tried_there(lab, monkeypatch):
+    """A soft patch, taken for a mass at its middle: from there it is found."""
+    scene = lab.Scene(hidden={"patch": 0.6})
+    place = torch.tensor([0.5, 0.6, lab.spot[0] + 0.02, lab.spot[1] - 0.02, 0.3])
+    mass = scene.hypothesis("point_mass", start=place)
+    everyone = [scene.candidate(name) for name in ("density", "point_mass", "stiffness_loss", "ground_spring")]
+    found = {one.name: one for one in scene.ranking._at_the_place(scene.state, [mass], everyone)}
+    assert found.keys() == {"stiffness_loss", "ground_spring"}
+    patch = found["stiffness_loss"]
+    assert patch.fit.square < 0.1 * mass.fit.square
+    values = patch.fit.model.as_dict(patch.fit.theta)
+    assert values["stiffness_loss_1.factor"] == pytest.approx(0.6, abs=0.1)
+    # Where the best says nothing of a place, or explains little, there is no such place.
+    gain = replace(mass, candidate=scene.candidate("sensor_gain"))
+    assert scene.ranking._at_the_place(scene.state, [gain], everyone) == []
+    little = replace(mass, fit=lab.leaving(mass.fit, 0.8 * scene.fit.square))
+    assert scene.ranking._at_the_place(scene.state, [little], everyone) == []
+    assert scene.ranking._at_the_place(scene.state, [], everyone) == []
+
+
+@torch.no_grad()
+def test_what_sits_at_a_place_starts_from_the_sizes_and_strengths_that_fit_there(lab):
+    scene = lab.Scene(hidden={"patch": 0.1})
+    base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    near = scene.fit.marginal
+    (promise,) = screen(scene.builder, base, scene.fit.theta, [scene.candidate("stiffness_loss")], {}, near=near)
+    starts = scene.ranking._spread_out(scene.state, base, promise)
+    n_start = scene.ranking.settings.screening.n_start
+    assert len(starts) == n_start + 1
+    # Where the model is it begins too.
+    assert torch.equal(starts[-1], promise.starts[-1])
+    level = scene.builder.target.levels - 1
+    left = module.Problem(scene.builder, promise.model, {}, near).residual(starts[:-1], level).square().sum(-1)
+    assert bool((left.diff() >= 0).all())
+    told = {tuple(row) for row in promise.starts.tolist()}
+    assert sum(tuple(row) not in told for row in starts.tolist()) >= n_start // 2
+    columns = [promise.model.names.index(f"{promise.label}.{axis}") for axis in ("x", "y")]
+    places = {tuple(row) for row in promise.starts[: scene.ranking.settings.selecting.n_best, columns].tolist()}
+    fresh = [row for row in starts if tuple(row.tolist()) not in told]
+    assert {tuple(row[columns].tolist()) for row in fresh} <= places

@@ -26,6 +26,8 @@ class DirectionalDamping(Effect):
     }
     check = Check(4, "record decays of strips cut along each side, and of a mode that twists")
     acts_on = frozenset({"damping", "section"})
+    # The same in all directions, it is a loss factor of the whole plate.
+    contains = ("hysteretic_damping",)
     shows = "Modes that bend along x, along y and those that twist are rounded by different fractions; levels stay."
     source = (
         "McIntyre and Woodhouse, On measuring the elastic and damping constants of orthotropic sheet materials, 1988"

@@ -4,7 +4,10 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 
-from torchplate.diagnosis.candidates.candidate import Trial
+import torch
+from torch.quasirandom import SobolEngine
+
+from torchplate.diagnosis.candidates.candidate import Candidate, Trial
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.model import Searched
 
@@ -21,6 +24,36 @@ def trials(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> tu
     # A change that the fitted parameters nearly undo, such as that of a thickness, shows in its tangent alone; and one
     # that widens or moves a peak by its width, such as that of a dashpot, in a step.
     return (steps, [*tangents, *steps]) if "x" in searched else ([*tangents, *steps], tangents)
+
+
+def spread_at(candidate: Candidate, x: float, y: float, count: int) -> list[dict[str, float]]:
+    """Members of a candidate at one place, of all sizes and strengths: as many weak ones as strong ones.
+
+    Args:
+        candidate: that has a place.
+        x: along the side x [-].
+        y: along the side y [-].
+        count: of members.
+    """
+    own = [key for key in candidate.searched if key not in ("x", "y")]
+    drawn = SobolEngine(len(own)).draw(count, dtype=torch.float64).tolist()
+    return [
+        {"x": x, "y": y}
+        | {
+            key: _scale_free(candidate.searched[key], candidate.neutral.get(key), part)
+            for key, part in zip(own, row, strict=True)
+        }
+        for row in drawn
+    ]
+
+
+def _scale_free(interval: Searched, neutral: float | None, part: float) -> float:
+    """A value of an interval, equal steps of the part being equal ratios of what it changes."""
+    if interval.low > 0 and (interval.logarithmic or neutral is None):
+        return interval.low * (interval.high / interval.low) ** part
+    begin = interval.low if neutral is None else neutral
+    far = max(interval.low, interval.high, key=lambda end: abs(end - begin))
+    return begin + (far - begin) * SETTINGS.trials.weakest ** (1 - part)
 
 
 def yielding(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> tuple[list[Trial], list[Trial]]:
@@ -58,14 +91,19 @@ def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], ta
         else:
             axes[key] = _steps(interval, neutral.get(key), at_place="x" in searched)
     believed = (-settings.tangent / TINY, settings.tangent / TINY) if tangent else settings.believed
-    if "x" in axes or (not tangent and math.prod(len(values) for values in axes.values()) <= settings.most_members):
-        every = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+    # Each may be what alone is missing.
+    alone = {} if "x" in axes else {key: _at_rest(searched[key], neutral.get(key)) for key in axes}
+    whole = {key: [*alone.get(key, ()), *values] for key, values in axes.items()}
+    if "x" in axes or (not tangent and math.prod(len(values) for values in whole.values()) <= settings.most_members):
+        every = [dict(zip(axes, values, strict=True)) for values in itertools.product(*whole.values())]
+        every = [one for one in every if not one or any(value not in alone.get(key, ()) for key, value in one.items())]
     else:
         rest = {key: neutral.get(key, values[0]) for key, values in axes.items()}
         every = [rest | {key: value} for key, values in axes.items() for value in values]
         if not tangent and 3 ** len(axes) <= settings.most_corners:
             corners = {key: [_between(searched[key], rest[key], end) for end in (0, None, 1)] for key in axes}
-            every += [dict(zip(axes, values, strict=True)) for values in itertools.product(*corners.values())]
+            several = (dict(zip(axes, values, strict=True)) for values in itertools.product(*corners.values()))
+            every += [one for one in several if one != rest]
     return [Trial(values, _least(values, searched, neutral, believed[0]), believed[1]) for values in every]
 
 
@@ -76,6 +114,11 @@ def _least(
     moved = [key for key, value in values.items() if key in neutral and value != neutral[key]]
     one_sided = any(neutral[key] <= searched[key].low or neutral[key] >= searched[key].high for key in moved)
     return 0.0 if one_sided else believed
+
+
+def _at_rest(interval: Searched, neutral: float | None) -> list[float]:
+    """The value of an interval that is nearest to the neutral one; none where there is no neutral one."""
+    return [] if neutral is None else [min(max(neutral, interval.low), interval.high)]
 
 
 def _between(interval: Searched, neutral: float, end: int | None) -> float:

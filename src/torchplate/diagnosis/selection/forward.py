@@ -236,17 +236,20 @@ class ForwardSelection:
         values = single.model.as_dict(single.fit.theta)
         start = torch.tensor([[values[name] for name in state.model.names]]).to(state.fit.theta)
         # What it begins with may be farther off than where it ended before.
-        limit = self.settings.beside * state.fit.square
-        if alone:
-            limit = min(limit, self.builder.target.settings.searching.hopeless * single.fit.square)
+        far = self.settings.beside * state.fit.square
+        limit = min(far, self.builder.target.settings.searching.hopeless * single.fit.square) if alone else far
         position = state.model.space.to_cube(start)
-        about = known_section(single.fit)
-        found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit, about=about)
-        if alone and found.square > limit:
-            return None
-        fallen = found.square <= (1 - self.settings.stopped_soon) * state.fit.square
-        likelier = found.cost < state.fit.cost - max(1.0, ranked.by_chance)
-        if not found.by_noise or not (fallen or likelier):
+        ways = [(known_section(single.fit), limit)]
+        if state.fit.reduced_misfit <= self.settings.doubtful:
+            # Beside no specimen too: descents end a little apart, and a name is worth more than that.
+            ways.append((None, math.inf))
+        for about, most in ways:
+            found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=most, about=about)
+            fallen = found.square <= (1 - self.settings.stopped_soon) * state.fit.square
+            likelier = found.cost < state.fit.cost - max(1.0, ranked.by_chance)
+            if found.by_noise and (fallen or likelier) and not (alone and found.square > limit):
+                break
+        else:
             return None
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")
         return replace(state, fit=found)

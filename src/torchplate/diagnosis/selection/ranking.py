@@ -12,6 +12,7 @@ from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements, rearrangements
 from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at, tighter_at
+from torchplate.diagnosis.candidates.trials import spread_at
 from torchplate.diagnosis.fit import NOBODY, Beat, Begun, begin, fit
 from torchplate.diagnosis.localisation.localise import missing_force
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
@@ -55,6 +56,7 @@ class Ranking:
         self._far = set()
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
+        hypotheses: list[Hypothesis] = []
         by_chance = 0.0
         screening, selecting = self.settings.screening, self.settings.selecting
         if state.fit.left < screening.overlapping or misfit <= screening.nearly_right:
@@ -62,11 +64,16 @@ class Ranking:
             # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
             best = promises[0].drop * state.fit.square if promises else 0.0
             wanted = 1 if is_noise(state.fit) and best <= by_chance else screening.n_sharp
-            chosen = [(promise, promise.starts) for promise in promising(promises, wanted, screening)]
-        hypotheses: list[Hypothesis] = []
+            near = promising(promises, wanted, screening)
+            chosen = [(one, one.starts) for one in near]
+            if not is_noise(state.fit):
+                # What sits at a place begins beside the specimen as it is there, which may have taken on some of it.
+                placed = [(one, self._spread_out(state, base, one)) for one in near if one.candidate.has_place]
+                chosen = [one for one in chosen if not one[0].candidate.has_place]
+                hypotheses = self._refitted(state, placed, about=state.fit.about)
         if misfit > screening.nearly_right:
             if promises and promises[0].drop > 1 - selecting.explains_much:
-                hypotheses, chosen = self._refitted(state, chosen), []
+                hypotheses, chosen = hypotheses + self._refitted(state, chosen, hypotheses), []
             if not kept(promises, hypotheses, state, screening):
                 widely_scored, further = self._widely(state, base, everyone)
                 chosen += further
@@ -78,6 +85,7 @@ class Ranking:
             return Ranked(tuple(promises), tuple(hypotheses), by_chance, frozenset(self._far))
         ended: list[Hypothesis] = []
         ends = self._run_off(state, hypotheses)
+        ends = best_of_each([*ends, *self._at_the_place(state, ends, everyone)])
         limit, beat = self._hopeless(ends), self._beat(state, ends)
         for found in ends:
             far = found.fit.square > limit or (limit < math.inf and found.fit.cost > beat.cost)
@@ -126,15 +134,20 @@ class Ranking:
         return scored, self._down(state, ways)
 
     def _refitted(
-        self, state: State, chosen: Sequence[tuple[Scored, Tensor]], before: Sequence[Hypothesis] = ()
+        self,
+        state: State,
+        chosen: Sequence[tuple[Scored, Tensor]],
+        before: Sequence[Hypothesis] = (),
+        about: Found | None = None,
     ) -> list[Hypothesis]:
         """Candidates refitted from all their starts; hopeless ones, beside the best, not to their end."""
+        about = about or known_section(state.fit)
         together: dict[str, tuple[Scored, list[Tensor]]] = {}
         for promise, starts in chosen:
             key = f"{promise.candidate.name} {promise.candidate.options}"
             together.setdefault(key, (promise, []))[1].append(starts)
         found: list[Hypothesis] = []
-        for one, starts, begun in self._begun(state, together.values()):
+        for one, starts, begun in self._begun(state, together.values(), about):
             simpler = contained(one.candidate, {other.name for other in found})
             if any(is_noise(other.fit) for other in found if other.name in simpler):
                 # It leaves nothing for what is larger.
@@ -142,7 +155,7 @@ class Ranking:
             least = min((other.fit.square for other in (*before, *found)), default=math.inf)
             limit = self.settings.searching.hopeless * least
             beat = self._beat(state, [*before, *found])
-            found.append(self._refit(state, one.candidate, one.label, starts, limit, begun=begun, beat=beat))
+            found.append(self._refit(state, one.candidate, one.label, starts, limit, about, begun, beat))
         return found
 
     def _beat(self, state: State, found: Sequence[Hypothesis]) -> Beat:
@@ -161,7 +174,7 @@ class Ranking:
         return Beat(*(here + max(near, part * (before - here)) for here, before in pairs))
 
     def _begun(
-        self, state: State, ways: Iterable[tuple[Scored, list[Tensor]]]
+        self, state: State, ways: Iterable[tuple[Scored, list[Tensor]]], about: Found | None = None
     ) -> Sequence[tuple[Scored, Tensor, Begun | None]]:
         """Candidates in the order in which they are refitted: those that others contain first, then the nearest.
 
@@ -171,7 +184,7 @@ class Ranking:
         every = [(one, torch.cat(several)) for one, several in ways]
         every.sort(key=lambda pair: len(pair[0].candidate.effect.contains))
         settings, target = self.settings, self.builder.target
-        if len(every) < 2 or target.wandering == UNIFORM or known_section(state.fit) is not None:
+        if len(every) < 2 or target.wandering == UNIFORM or (about or known_section(state.fit)) is not None:
             return [(one, starts, None) for one, starts in every]
         found: list[tuple[Scored, Tensor, Begun]] = []
         for one, starts in every:
@@ -198,6 +211,60 @@ class Ranking:
             return None
         n_told = int((state.fit.told > 0).sum())
         return drawn(2 * target.measured.numel(), n_told)
+
+    def _at_the_place(
+        self, state: State, hypotheses: Sequence[Hypothesis], everyone: Sequence[Candidate]
+    ) -> list[Hypothesis]:
+        """What else may sit where the best does, from there and with the rest of the model as it is beside that.
+
+        A soft patch moves the peaks nearly as a mass at its middle does, which is found from farther away.
+        """
+        best = min(hypotheses, key=lambda one: one.cost, default=None)
+        if best is None or not best.candidate.has_place or is_noise(best.fit) or not best.fit.by_noise:
+            return []
+        if best.fit.square > self.settings.selecting.explains_much * state.fit.square:
+            return []
+        values = best.fit.model.as_dict(best.fit.theta)
+        place = values[f"{best.label}.x"], values[f"{best.label}.y"]
+        theta = torch.tensor([values[name] for name in state.model.names]).to(best.fit.theta)
+        found, settings, about = [best], self.settings.searching, best.fit.about
+        for one in everyone:
+            if not one.has_place or one.name == best.name:
+                continue
+            label = new_label(state.model, one.name)
+            whole = with_candidate(state.model, label, one)
+            members = [
+                start_of(whole, theta, state.model, own, label) for own in spread_at(one, *place, settings.n_spread)
+            ]
+            starts = self._nearest(whole, torch.stack(members), about)
+            limit = settings.hopeless * min(other.fit.square for other in found)
+            found.append(self._refit(state, one, label, starts, limit, about, beat=self._beat(state, found)))
+        return found[1:]
+
+    def _spread_out(self, state: State, base: PlateModel, promise: Scored) -> Tensor:
+        """Starts of a refit: for what sits at a place, of all sizes and strengths at the places that promise most.
+
+        How large it is there a step that is linear does not say.
+        """
+        candidate, theta = promise.candidate, state.fit.theta
+        whole = with_candidate(base, promise.label, candidate)
+        members = [promise.starts]
+        for start in promise.starts[: self.settings.selecting.n_best]:
+            values = whole.as_dict(whole.space.to_si(start))
+            place = values[f"{promise.label}.x"], values[f"{promise.label}.y"]
+            some = spread_at(candidate, *place, self.settings.searching.n_spread)
+            members.append(torch.stack([start_of(whole, theta, base, own, promise.label) for own in some]))
+        every, level = torch.cat(members), self.builder.target.levels - 1
+        left = Problem(self.builder, whole, self.prior, state.fit.marginal).residual(every, level).square().sum(-1)
+        # The last promised is where the model is: with an effect more it cannot end farther off than without.
+        return torch.cat([every[left.argsort()[: self.settings.screening.n_start]], promise.starts[-1:]])
+
+    def _nearest(self, model: PlateModel, members: Tensor, about: Found | None) -> Tensor:
+        """Of many members those that are nearest where spectra are smoothed a little."""
+        target, theta = self.builder.target, model.space.to_si(members[:1])
+        reduced = target.specimen(self.builder.reduced(model, theta), theta[0], about)
+        left = Problem(self.builder, reduced, self.prior).residual(members, target.levels - 2).square().sum(-1)
+        return members[left.argsort()[: self.settings.screening.n_start]]
 
     def _again(self, state: State) -> list[Hypothesis]:
         """What came near in the ranking before, beside what was named there, from where it ended."""

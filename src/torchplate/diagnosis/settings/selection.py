@@ -23,6 +23,8 @@ class Trials:
         near_node: a place found is taken for a node's or a support's if it is this near to it, relative to the plate
             [-].
         perhaps_node: and may be it if it is this near [-].
+        weakest: strength of the weakest of the members that are tried at a place already found, over the strongest [-]:
+            two decades, in which the strengths of what tests have found lie.
         most_members: of all values together, of a candidate with several parameters [-].
         most_corners: likewise, of values half way to the ends [-].
     """
@@ -40,6 +42,7 @@ class Trials:
     slack: float = 2.0
     near_node: float = 0.012
     perhaps_node: float = 0.04
+    weakest: float = 0.01
     most_members: int = 60
     most_corners: int = 81
 
