@@ -8,18 +8,20 @@ VENV = .venv
 BIN = $(VENV)/bin
 
 .DEFAULT_GOAL = help
-.PHONY: help run diagnose test check docs paper blind real chairs clean
+.PHONY: help run diagnose test check audit docs paper blind real chairs load clean
 
 help:
 	@echo "make run       set up, then identify the paper's plate by DE and ABC; results in runs/"
 	@echo "make diagnose  set up, then find what is hidden on a plate that was hit in a virtual test"
 	@echo "make test      set up, then run the tests"
 	@echo "make check     format, lint, types, tests, doctests, the wheel and the documentation"
+	@echo "make audit     hold the pinned packages against the database of known vulnerabilities"
 	@echo "make docs      the documentation, in site/"
 	@echo "make paper     reproduce the paper's tables and figures (20 seeds)"
 	@echo "make blind     name hidden effects in cases made by other discretisations (STRATUM=clean, workshop, tables, real or shapes; one hour)"
 	@echo "make real      diagnose the measured plates of ../shared/data, where they are"
 	@echo "make chairs    time three users from a file to an answer"
+	@echo "make load      time and memory of large work: many runs, members, lines and elements"
 	@echo "make clean     remove the virtual environment and caches"
 
 run: $(VENV)/.run
@@ -49,6 +51,17 @@ check: $(VENV)/.docs
 	@for kind in default avx2; do echo "as a processor of kind $$kind rounds"; \
 	  ATEN_CPU_CAPABILITY=$$kind $(BIN)/python -m pytest $(PARALLEL) -q -m 'check or not check' $(ROUNDING) || exit 1; done
 
+# The database is asked over the network: where it does not answer, nothing was audited, which is said.
+audit: $(VENV)/.check
+	@$(BIN)/pip install -q -e '.[audit]' -c constraints.txt
+	@found=$$($(BIN)/pip-audit --requirement constraints.txt --no-deps --disable-pip --strict --progress-spinner off 2>&1); \
+	status=$$?; echo "$$found" | tail -n 40; \
+	case "$$status-$$found" in \
+	  0-*) ;; \
+	  *"known vulnerabilit"*) echo "Expected pinned packages without a known vulnerability, got those above. Raise them in constraints.txt." >&2; exit 1;; \
+	  *) echo "The database of known vulnerabilities did not answer: nothing was audited. Run make audit where it can be reached." >&2; exit 2;; \
+	esac
+
 # The theme would print an advertisement of the next major version of mkdocs.
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict
@@ -70,6 +83,10 @@ real: $(VENV)/.run
 
 chairs: $(VENV)/.run
 	$(BIN)/python -m torchplate.studies.chairs
+
+load: export OMP_NUM_THREADS = 1
+load: $(VENV)/.run
+	$(BIN)/python -m torchplate.studies.load
 
 clean:
 	rm -rf $(VENV) site .pytest_cache .mypy_cache .ruff_cache .hypothesis

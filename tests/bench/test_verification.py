@@ -2,13 +2,13 @@
 
 import pytest
 
-from torchplate.bench import verification
+from torchplate.bench.marked_page import PAGE, between, put
 from torchplate.bench.published import NAFEMS, SQUARES
-from torchplate.bench.verification import LONG, QUICK, TABLES, Row, between, page, put
+from torchplate.bench.verification import LONG, QUICK, TABLES, Row, page
 
 
 def written() -> str:
-    return between(verification.PAGE.read_text(), QUICK)
+    return between(PAGE.read_text(), QUICK)
 
 
 @pytest.mark.parametrize("title", ["The virtual analyser", "Gradients where modes repeat"])
@@ -44,7 +44,7 @@ def test_a_difference_that_is_rounding_is_called_so() -> None:
 
 
 def test_what_is_put_between_marks_changes_nothing_else() -> None:
-    text = verification.PAGE.read_text()
+    text = PAGE.read_text()
     assert put(text, QUICK, written()) == text
     changed = put(put(text, QUICK, "."), LONG, ".")
     assert put(put(changed, QUICK, written()), LONG, between(text, LONG)) == text

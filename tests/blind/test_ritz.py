@@ -147,8 +147,8 @@ IN_WORDS_OF_THE_CATALOGUE = {
 }  # fmt: skip
 
 
-# One of each kind goes with `make test`; an element's own loss couples all modes, which takes long.
-SHORT = ("orthotropy", "stiffness_loss", "point_mass", "edge_spring", "exponential_window", "sensor_position")
+# Of the section, of a place and of the sensor chain one goes with `make test`; each takes more than a second.
+SHORT = ("orthotropy", "point_mass", "sensor_position")
 
 
 @pytest.mark.parametrize(

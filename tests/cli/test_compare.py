@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from io import StringIO
 
 import numpy as np
@@ -25,38 +26,63 @@ def compared(folders, out):
     return groups
 
 
-def test_de_and_abc_are_laid_over_each_other(finished, tmp_path):
-    folders = [found.folder for found in finished.found.values()]
-    groups = compared(folders, tmp_path)
-    assert list(groups) == ["differential_evolution best/1/bin", "artificial_bee_colony"]
-    for group, found in zip(groups.values(), finished.found.values(), strict=True):
-        assert group.objective.tolist() == [found.result["objective"]]
-        assert group.theta[0].tolist() == [entry["value"] for entry in found.result["parameters"].values()]
-        assert group.history.n_evaluation[0, -1] == found.result["n_evaluation"]
-    text = (tmp_path / "comparison.md").read_text()
-    for words in (*groups, *finished.searched, "evaluations to within 1 % of the best", "](comparison.png)"):
-        assert words in text
-    assert (tmp_path / "comparison.png").stat().st_size > 5000
+ABC = {"optimizer": "artificial_bee_colony", "n_member": 6, "n_generation": 4, "seed": 3, "basis": "full"}
+RUNS = {"a": {}, "b": {"search.seed": 8}, "c": {"search.n_repeat": 2}, "d": {"search.differential_weight": 0.4}}
+RUNS |= {"abc": {"search": ABC}}
 
 
-def test_the_comparison_goes_into_the_folder_above_the_runs(finished, command):
-    folders = [found.folder for found in finished.found.values()]
-    status, out, _ = command("compare", *folders)
-    assert status == 0
-    assert (folders[0].parent / "comparison.md").is_file()
-    assert "comparison.md" in out
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """Where the first test that needs the runs leaves them for the others."""
+    return tmp_path_factory.mktemp("kept") / "runs"
 
 
 @pytest.fixture
-def seeds(bench, monkeypatch):
+def runs(bench, kept):
+    """The folder of all runs, each test's own copy."""
+    if kept.exists():
+        shutil.copytree(kept, bench.folder, dirs_exist_ok=True)
+    else:
+        for name, changes in RUNS.items():
+            bench.run(["plate.youngs_modulus"], {"search.n_generation": 4} | changes, name)
+        shutil.copytree(bench.folder, kept)
+    return bench.folder
+
+
+@pytest.fixture
+def seeds(runs, monkeypatch):
     """Two seeds of one DE, two repeats of the same in one run, and a DE with another weight."""
     for kind in ("png", "pdf"):
         monkeypatch.setattr(f"torchplate.report.comparison.{kind}", lambda *_: b"")
-    runs = {"a": {}, "b": {"search.seed": 8}, "c": {"search.n_repeat": 2}, "d": {"search.differential_weight": 0.4}}
-    return [
-        bench.run(["plate.youngs_modulus"], {"search.n_generation": 4} | changes, name).folder
-        for name, changes in runs.items()
-    ]
+    shutil.rmtree(runs / "abc")
+    return [runs / name for name in ("a", "b", "c", "d")]
+
+
+@pytest.fixture
+def two(runs):
+    """One search by DE and one by ABC."""
+    return [runs / "a", runs / "abc"]
+
+
+def test_de_and_abc_are_laid_over_each_other(two, tmp_path):
+    groups = compared(two, tmp_path / "compared")
+    assert list(groups) == ["differential_evolution best/1/bin", "artificial_bee_colony"]
+    for group, folder in zip(groups.values(), two, strict=True):
+        result = json.loads((folder / "result.json").read_text())
+        assert group.objective.tolist() == [result["objective"]]
+        assert group.theta[0].tolist() == [entry["value"] for entry in result["parameters"].values()]
+        assert group.history.n_evaluation[0, -1] == result["n_evaluation"]
+    text = (tmp_path / "compared" / "comparison.md").read_text()
+    for words in (*groups, "plate.youngs_modulus", "evaluations to within 1 % of the best", "](comparison.png)"):
+        assert words in text
+    assert (tmp_path / "compared" / "comparison.png").stat().st_size > 5000
+
+
+def test_the_comparison_goes_into_the_folder_above_the_runs(two, command):
+    status, out, _ = command("compare", *two)
+    assert status == 0
+    assert (two[0].parent / "comparison.md").is_file()
+    assert "comparison.md" in out
 
 
 def test_seeds_of_one_search_are_one_line(seeds, tmp_path):
@@ -121,8 +147,8 @@ def test_tables_hold_the_quartiles_over_the_seeds(seeds, tmp_path):
     assert r"plate.youngs\_modulus [Pa]" in written
 
 
-def test_figures_for_paper_are_pdf(finished, tmp_path):
-    compared([found.folder for found in finished.found.values()], tmp_path)
+def test_figures_for_paper_are_pdf(two, tmp_path):
+    compared(two, tmp_path)
     for name in ("convergence.pdf", "values.pdf"):
         assert (tmp_path / name).read_bytes().startswith(b"%PDF-")
 

@@ -146,6 +146,7 @@ def test_model_yaml_holds_the_found_numbers_and_loads(diagnosed):
     assert raw["effects"]["plate"]["poisson_ratio"] == 0.31
 
 
+@pytest.mark.check
 def test_gaps_are_those_of_the_model_that_is_handed_over(diagnosed):
     recipe = load_run(diagnosed.folder / "model.yaml")
     measured, model = recipe.measurement(), recipe.model()

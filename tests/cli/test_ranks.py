@@ -90,6 +90,7 @@ def assert_same(found: Path, expected: Path) -> None:
     assert len(histories[0]) == len(histories[1])
 
 
+@pytest.mark.check
 def test_two_processes_go_on_where_one_has_stopped_to_what_one_finds(bench, make_config, launch):
     alone = bench.run(SEARCHED, CHANGES, "alone")
     bench.run(SEARCHED, CHANGES | {"search.n_generation": 2}, "shared")

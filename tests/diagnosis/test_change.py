@@ -62,6 +62,7 @@ def test_a_mass_that_was_lightened_is_named_from_natural_frequencies_alone():
     assert named.name in found.remarks[0]
 
 
+@pytest.mark.check
 def test_masses_that_were_lightened_together_are_named_together():
     """One after another starts with an effect at a place of its own, which explains more of both than each alone."""
     found = of_tables(m1=0.0005, m3=0.003)

@@ -54,6 +54,7 @@ def test_a_name_that_another_fits_better_now_is_replaced(lab):
     assert first.known.equivalent == ()
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_a_right_name_stays_and_knows_its_rivals_now(lab):
     two = Two(lab, "sensor_gain", "orthotropy", "time_delay")

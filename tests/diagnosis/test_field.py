@@ -167,6 +167,7 @@ def test_the_model_with_the_field_is_what_was_told_of_it(scene, inferred):
     assert field.values == pytest.approx(inferred.found.values, rel=1e-4, abs=1e-9)
 
 
+@pytest.mark.check
 def test_where_noise_alone_is_left_there_is_no_field(lab):
     scene = lab.Scene(hidden={"gain": 1.0 + 1e-12})
     assert infer_field(scene.builder, scene.fit, {}, **SILENT) is None

@@ -79,6 +79,7 @@ def selection_of(measurement, model, imperfections=PERFECT) -> ForwardSelection:
     return ForwardSelection.of(model, target, {}, lambda _: None)
 
 
+@pytest.mark.check
 def test_a_test_as_imperfect_as_it_was_told_is_consistent(lab):
     measured = hammered(lab, 0, TOLD)
     found = tp.diagnose(given(), measured, imperfections=TOLD)

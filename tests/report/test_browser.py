@@ -117,3 +117,22 @@ def test_paper_is_as_wide_as_what_stands_on_it(shown, report):
     shown.look(680, "light", "print")
     shown.open(report)
     assert shown.value("document.documentElement.scrollWidth") <= 680
+
+
+# What a header of a file may hold: were it taken for more than text, it would leave a mark.
+HOSTILE = "<script>window.owned = 1</script><img src=x onerror='window.owned = 1'><svg onload='window.owned = 1'>"
+
+
+def test_a_header_with_a_script_is_text_in_a_browser(shown, tmp_path, monkeypatch):
+    found = samples.diagnosis(tuple(range(1, 11)), (1, 6), n_line=60)
+    effect = samples.replace(found.effects[0], label=HOSTILE, evidence=f"{HOSTILE}.")
+    monkeypatch.setattr("torchplate.report.diagnosis.png", lambda _: b"")
+    told = samples.replace(found, effects=(effect,), remarks=(HOSTILE,))
+    samples.write_diagnosis(HOSTILE, told, tmp_path)
+    shown.look(768)
+    shown.open(tmp_path / "report.html")
+    assert shown.value("window.owned") is None
+    assert shown.value("document.querySelectorAll('script, main img, [onload], [onerror]').length") == 0
+    # It is there to be read: in the title, and in the text.
+    assert HOSTILE in shown.value("document.title")
+    assert shown.value("document.body.innerText").count("<script>window.owned = 1</script>") >= 3

@@ -25,6 +25,10 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 
+# It is run as a script, beside which its neighbour lies; where tests are collected, that is on no path.
+sys.path.insert(0, str(Path(__file__).parent))
+import digests
+
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 PLATE = {
@@ -134,12 +138,19 @@ class Killing:
         from torchplate.cli.main import main
 
         words = [self.verb, str(config), "--out", str(out), *others]
+        # A resumed diagnosis recalls from the first descent on, and one that is run again makes them anew.
+        self.trail(out).unlink(missing_ok=True)
 
         def call() -> int:
+            digests.written_to(self.trail(out))
             armed()
             return main(words)
 
         return self._forked(call, killed_after)
+
+    def trail(self, out: Path) -> Path:
+        """Where the descents of a command are told."""
+        return self.folder / f"{out.name}.descents"
 
     def _forked(self, call: Callable[[], int], killed_after: float | None = None) -> tuple[int, str]:
         said = self.folder / "said.txt"
@@ -194,6 +205,10 @@ class Killing:
         found.same = not found.wrong and ending(self.verb, out) == self.whole[config]
         if found.same:
             shutil.rmtree(out)
+            self.trail(out).unlink(missing_ok=True)
+        elif self.verb == "diagnose" and not found.wrong:
+            apart = digests.parted(self.trail(self.folder / f"whole_{config.stem}"), self.trail(out))
+            found.wrong.append(f"ended elsewhere than the undisturbed one; {apart}. Now: {digests.machine()}")
         return found
 
 
@@ -293,7 +308,7 @@ def main() -> int:
     folder = Path(tempfile.mkdtemp(prefix="killing_"))
     killing = Killing(given.verb, folder, given.seed, given.generations)
     times = ", ".join(f"{config.stem} {seconds:.1f} s" for config, seconds in killing.seconds.items())
-    print(f"{given.verb}, undisturbed: {times}", flush=True)
+    print(f"{given.verb}, undisturbed: {times}; {digests.machine()}", flush=True)
     trials: list[Trial] = []
     while sum(trial.kills for trial in trials) < given.kills:
         trials.append(killing.trial(len(trials)))

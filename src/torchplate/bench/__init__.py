@@ -9,8 +9,9 @@
 - `slopes`: cost against mesh, members, lines and FRFs.
 - `scaling`: what a second process brings.
 - `verification`: not how fast but how right: every figure of the verification page.
+- `marked_page`: where the tables of that page stand.
 - `published`: natural frequencies that it is held against.
-- `searches`: evaluations beside SciPy, pymoo and pagmo.
+- `searches`: evaluations and seconds beside SciPy, pymoo, pagmo and evosax.
 
 Each part is run in a process of its own, by `torchplate bench`, so that the number of threads is what it says.
 """
@@ -18,12 +19,24 @@ Each part is run in a process of its own, by `torchplate bench`, so that the num
 from torchplate.bench.generation import generation, memory
 from torchplate.bench.gradient import gradient
 from torchplate.bench.identification import identification
+from torchplate.bench.marked_page import PAGE, put
+from torchplate.bench.problem import KNOWN, LINES, SEARCHED, TRUTH, members, paper_model
 from torchplate.bench.slopes import slopes
+from torchplate.bench.timing import peak_memory
 
 __all__ = [
+    "KNOWN",
+    "LINES",
+    "PAGE",
+    "SEARCHED",
+    "TRUTH",
     "generation",
     "gradient",
     "identification",
+    "members",
     "memory",
+    "paper_model",
+    "peak_memory",
+    "put",
     "slopes",
 ]

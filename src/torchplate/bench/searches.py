@@ -1,11 +1,14 @@
-"""The searches beside those of other packages: evaluations until a target is met, and whether they differ by chance.
+"""The searches beside those of other packages: evaluations to a target, whether they differ by chance, and seconds.
 
-Each algorithm has the same members, the same problems and the same number of seeds. SciPy is always there; pymoo and
-pygmo (pagmo) take part where they are installed, and the table says so where they are not.
+Each algorithm has the same members, the same problems and the same number of seeds. SciPy is always there; pymoo, pygmo
+(pagmo) and evosax take part where they are installed, and the table says so where they are not. Ours are all seeds of a
+problem in one batch: what one search takes of it is told.
 """
 
+import functools
 import importlib.util
 import math
+import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -180,13 +183,46 @@ def pagmo_abc(problem: Problem, seed: int) -> Counted:
     return _pagmo(problem, seed, "bee_colony", limit=20)
 
 
+@functools.cache
+def _evosax(n_dimension: int) -> Any:
+    """The method of so many numbers: what it has compiled belongs to the object."""
+    import jax
+    from evosax.algorithms import DifferentialEvolution as Theirs
+
+    jax.config.update("jax_enable_x64", True)
+    return Theirs(population_size=N_MEMBER, solution=jax.numpy.zeros(n_dimension))
+
+
+def evosax_de(problem: Problem, seed: int) -> Counted:
+    """Evosax's `DifferentialEvolution`, rand/1/bin; it knows no bounds: what leaves the cube is put on its edge."""
+    import jax
+
+    counted, n = Counted(problem), len(problem.optimum)
+    method = _evosax(n)
+    settings = method.default_params.replace(elitism=False, crossover_rate=0.8, differential_weight=0.8)
+    first, key = jax.random.split(jax.random.key(seed))
+    members = jax.random.uniform(first, (N_MEMBER, n))
+    state = method.init(first, members, jax.numpy.asarray(counted(np.asarray(members))), settings)
+    while not counted.done:
+        key, asking, telling = jax.random.split(key, 3)
+        trial, state = method.ask(asking, state, settings)
+        trial = jax.numpy.clip(trial, 0.0, 1.0)
+        state, _ = method.tell(telling, trial, jax.numpy.asarray(counted(np.asarray(trial))), state, settings)
+    return counted
+
+
 DE = DifferentialEvolution("rand/1/bin", N_MEMBER, 0.8, crossover_rate=0.8)
 # Ours, and the peers of the same algorithm.
 GROUPS: tuple[tuple[str, Any, tuple[tuple[str, str, Any], ...]], ...] = (
     (
         "DE rand/1/bin",
         DE,
-        (("SciPy", "scipy", scipy_de), ("pymoo", "pymoo", pymoo_de), ("pagmo", "pygmo", pagmo_de)),
+        (
+            ("SciPy", "scipy", scipy_de),
+            ("pymoo", "pymoo", pymoo_de),
+            ("pagmo", "pygmo", pagmo_de),
+            ("evosax", "evosax", evosax_de),
+        ),
     ),
     ("ABC", ArtificialBeeColony(n_member=N_MEMBER), (("pagmo", "pygmo", pagmo_abc),)),
     ("L-SHADE", LShade(n_member=N_MEMBER), (("SciPy DE", "scipy", scipy_de),)),
@@ -198,29 +234,42 @@ def searches() -> str:
     lines = [
         f"Median evaluations to the target over {N_SEED} seeds, to the end of a generation of {N_MEMBER} members; F",
         "and CR 0.8. p is of the rank-sum test (Mann and Whitney, two-sided) that ours and theirs are alike. A search",
-        f"that has not met the target counts as {N_EVALUATION} evaluations.",
+        f"that has not met the target counts as {N_EVALUATION} evaluations. Milliseconds are of one search: ours of",
+        "all seeds in one batch over their number, theirs the median of one after another.",
         "",
-        "| problem | algorithm | ours | met | package | theirs | met | p |",
-        "|---|---|---|---|---|---|---|---|",
+        "| problem | algorithm | ours | met | ms | package | theirs | met | ms | p |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    known: dict[tuple[str, str], list[int]] = {}
+    known: dict[tuple[str, str], tuple[list[int], float]] = {}
     for problem in PROBLEMS:
         for algorithm, optimizer, peers in GROUPS:
-            own = ours(problem, optimizer)
+            began = time.perf_counter()
+            evaluations = ours(problem, optimizer)
+            own = evaluations, (time.perf_counter() - began) / N_SEED
             for package, module, run in peers:
+                head = f"| {problem.name} | {algorithm} | {_told(own)} | {package} |"
                 if importlib.util.find_spec(module) is None:
-                    lines.append(f"| {problem.name} | {algorithm} | {_told(own)} | {package} | not installed | | |")
+                    lines.append(f"{head} not installed | | | |")
                     continue
                 key = problem.name, run.__name__
                 if key not in known:
-                    known[key] = [run(problem, seed).met for seed in range(N_SEED)]
-                p = float(scipy.stats.mannwhitneyu(own, known[key]).pvalue)
-                lines.append(
-                    f"| {problem.name} | {algorithm} | {_told(own)} | {package} | {_told(known[key])} | {p:.1g} |"
-                )
+                    known[key] = _timed(run, problem)
+                p = float(scipy.stats.mannwhitneyu(evaluations, known[key][0]).pvalue)
+                lines.append(f"{head} {_told(known[key])} | {p:.1g} |")
     return "\n".join(lines)
 
 
-def _told(evaluations: list[int]) -> str:
+def _timed(run: Callable[[Problem, int], Counted], problem: Problem) -> tuple[list[int], float]:
+    """Evaluations of each seed, and the median of their seconds: what is compiled at the first is no part of it."""
+    met, taken = [], []
+    for seed in range(N_SEED):
+        began = time.perf_counter()
+        met.append(run(problem, seed).met)
+        taken.append(time.perf_counter() - began)
+    return met, float(np.median(taken))
+
+
+def _told(found: tuple[list[int], float]) -> str:
+    evaluations, seconds = found
     met = sum(one < N_EVALUATION for one in evaluations)
-    return f"{np.median(evaluations):.0f} | {met} of {len(evaluations)}"
+    return f"{np.median(evaluations):.0f} | {met} of {len(evaluations)} | {1e3 * seconds:.3g}"

@@ -1,14 +1,13 @@
 """`python -m torchplate.bench.verification`: what is published or follows from theory, beside what comes out here.
 
 It prints the tables of docs/verification.md; `--write` puts them there. `--searches` adds the comparison with other
-packages' searches, which takes minutes: SciPy is always there, pymoo and pygmo (pagmo) where they are installed.
+packages' searches, which takes minutes: SciPy is always there, pymoo, pygmo (pagmo) and evosax where they are
+installed.
 """
 
 import argparse
 import math
-import re
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ import scipy.optimize
 import torch
 from torch import Tensor
 
+from torchplate.bench.marked_page import PAGE, put
 from torchplate.bench.published import NAFEMS, SQUARES, SUPPORTED
 from torchplate.effects import HystereticDamping, Plate
 from torchplate.measurement import Analyser, Spectra
@@ -24,7 +24,6 @@ from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
 COARSE, FINE = 8, 16
-PAGE = Path(__file__).parents[3] / "docs" / "verification.md"
 NOTHING = torch.zeros(0, dtype=torch.float64)
 # Below this a difference is rounding, which is another one on another processor.
 ROUNDING = 1e-8
@@ -260,24 +259,6 @@ def page() -> str:
         lines += [f"### {title}", "", "| case | source | value | ours | difference |", "|---|---|---|---|---|"]
         lines += [*(row.cells() for row in rows()), ""]
     return "\n".join(lines).strip()
-
-
-def between(text: str, ends: tuple[str, str]) -> str:
-    """What stands between two marks of the page."""
-    return _parts(text, ends)[1]
-
-
-def put(text: str, ends: tuple[str, str], new: str) -> str:
-    """The page with something else between two marks."""
-    before, _, after = _parts(text, ends)
-    return f"{before}{ends[0]}\n{new}\n{ends[1]}{after}"
-
-
-def _parts(text: str, ends: tuple[str, str]) -> tuple[str, str, str]:
-    found = re.fullmatch(f"(.*){ends[0]}\n(.*)\n{ends[1]}(.*)", text, flags=re.DOTALL)
-    if found is None:
-        raise ValueError(f"Expected the page to hold {ends[0]} and {ends[1]}, got a page without them. Put them there.")
-    return found[1], found[2], found[3]
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -1,0 +1,24 @@
+"""The verification page of the documentation, whose tables stand between marks that commands find them by."""
+
+import re
+from pathlib import Path
+
+PAGE = Path(__file__).parents[3] / "docs" / "verification.md"
+
+
+def between(text: str, ends: tuple[str, str]) -> str:
+    """What stands between two marks of the page."""
+    return _parts(text, ends)[1]
+
+
+def put(text: str, ends: tuple[str, str], new: str) -> str:
+    """The page with something else between two marks."""
+    before, _, after = _parts(text, ends)
+    return f"{before}{ends[0]}\n{new}\n{ends[1]}{after}"
+
+
+def _parts(text: str, ends: tuple[str, str]) -> tuple[str, str, str]:
+    found = re.fullmatch(f"(.*){ends[0]}\n(.*)\n{ends[1]}(.*)", text, flags=re.DOTALL)
+    if found is None:
+        raise ValueError(f"Expected the page to hold {ends[0]} and {ends[1]}, got a page without them. Put them there.")
+    return found[1], found[2], found[3]

@@ -1,0 +1,38 @@
+"""The table of load: what is measured is held against what it is to keep to, and a table says so."""
+
+import argparse
+
+import pytest
+
+from torchplate.bench import PAGE, put
+from torchplate.studies import load
+from torchplate.studies.load import ENDS, FLAT, PARTS, Line, table
+
+FEW = argparse.Namespace(runs=2, evaluations=300)
+
+
+@pytest.mark.parametrize("name", ["evaluations", "frfs"])
+def test_a_part_tells_seconds_memory_and_what_it_was_held_against(name):
+    line = PARTS[name](FEW)
+    assert line.seconds > 0
+    assert line.peak_gib > 0.05
+    assert "allowed" in line.kept
+    assert isinstance(line.held, bool)
+
+
+def test_memory_that_grows_is_not_kept_and_one_that_stays_is(monkeypatch):
+    """Of four runs those after the second count."""
+    monkeypatch.setattr(load, "run", lambda *_, **__: argparse.Namespace(result={"natural_frequencies_hz": [0.0] * 9}))
+    for growth, held in ((2 * FLAT, False), (FLAT / 2, True)):
+        levels = iter([1.0, 1.0, 1.0, 1.0 + growth])
+        monkeypatch.setattr(load, "_resident", lambda levels=levels: next(levels))
+        line = load.in_sequence(4)
+        assert line.held is held
+        assert f"{100 * growth:+.1f} %" in line.kept
+
+
+def test_the_table_says_what_was_not_kept_and_has_its_place_on_the_page():
+    told = table([Line("one", 2.0, 0.5, "x", True), Line("two", 3.0, 0.25, "y", False)])
+    assert "| one | 2 | 0.50 | x: kept |" in told
+    assert "| two | 3 | 0.25 | y: **not kept** |" in told
+    assert told in put(PAGE.read_text(), ENDS, told)

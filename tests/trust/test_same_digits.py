@@ -1,0 +1,73 @@
+"""A diagnosis makes the same descents, to the last bit, whatever memory and order its process happens to be given."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+FOLDER = Path(__file__).parent
+ALONE = """
+import pathlib, sys
+import killing
+killing.without_rendering()
+killing.Killing("diagnose", pathlib.Path(sys.argv[1]), 0)
+"""
+# glibc fills what is allocated and freed with these bytes; blocks of any size come from the heap, where they were
+# others before. Sets of words have another order. Elsewhere than with glibc only the last differs.
+OTHERWISE = {"MALLOC_PERTURB_": "165", "MALLOC_MMAP_THRESHOLD_": str(2**30), "PYTHONHASHSEED": "77"}
+
+
+@pytest.fixture(scope="module")
+def digests():
+    spec = importlib.util.spec_from_file_location("torchplate_digests", FOLDER / "digests.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_where_two_diagnoses_part_is_told(digests, tmp_path):
+    one, other = tmp_path / "one", tmp_path / "other"
+    one.write_text("a b 1.0\nc d 2.0\n")
+    for text, words in (
+        ("a b 1.0\nc e 2.5\n", "end elsewhere from one start at descent 1: c d 2.0 against c e 2.5"),
+        ("f b 1.0\nc d 2.0\n", "start elsewhere at descent 0"),
+        ("a b 1.0\n", "share their first 1 descents; one made 2, the other 1"),
+    ):
+        other.write_text(text)
+        assert words in digests.parted(one, other)
+
+
+def test_each_descent_leaves_a_line_of_its_own(digests, tmp_path, monkeypatch):
+    from torchplate.search import Descent, Recall, recall, recalled, recalling
+
+    monkeypatch.setattr(recall.Recall, "next", Recall.next)
+    digests.written_to(tmp_path / "trail")
+    start = torch.tensor([[0.25, 0.5]], dtype=torch.float64)
+    with recalling(Recall([], lambda _: None)):
+        for end in (0.5, 0.5 + 2**-52):
+            value = torch.tensor([end], dtype=torch.float64)
+            recalled(start, lambda value=value: Descent(start, start * value, value, 3, start.new_zeros(1, 0, 2)))
+    first, second = (line.split() for line in (tmp_path / "trail").read_text().splitlines())
+    assert first[0] == second[0]
+    # The last bit shows.
+    assert first[1] != second[1]
+
+
+@pytest.mark.check
+def test_a_diagnosis_hangs_on_nothing_that_a_process_happens_to_have(tmp_path):
+    trails = []
+    for name, others in (("one", {"PYTHONHASHSEED": "1"}), ("other", OTHERWISE)):
+        (tmp_path / name).mkdir()
+        environment = (
+            os.environ | {"PYTHONPATH": os.pathsep.join([str(FOLDER), os.environ.get("PYTHONPATH", "")])} | others
+        )
+        command = [sys.executable, "-c", ALONE, str(tmp_path / name)]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        trails.append((tmp_path / name / "whole_differential_evolution.descents").read_text().splitlines())
+    assert len(trails[0]) > 50
+    assert trails[0] == trails[1]
