@@ -379,7 +379,8 @@ def test_a_baseline_near_noise_is_taken_up_from_beside_no_specimen_too(lab, monk
 
     monkeypatch.setattr(module, "fit", refitted)
     lower = selection._lower(state, single, Ranked((), (), 20.0), alone=True)
-    assert lower is not None and lower.fit.square == pytest.approx(near.square - 25)
+    assert lower is not None
+    assert lower.fit.square == pytest.approx(near.square - 25)
     assert [about is None for about, _ in asked] == [known_section(single.fit) is None, True]
     # Not where chance alone would take as much; and far from noise not a second time.
     asked.clear()

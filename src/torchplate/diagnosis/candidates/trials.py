@@ -102,8 +102,9 @@ def _combined(searched: Mapping[str, Searched], neutral: Mapping[str, float], ta
         every = [rest | {key: value} for key, values in axes.items() for value in values]
         if not tangent and 3 ** len(axes) <= settings.most_corners:
             corners = {key: [_between(searched[key], rest[key], end) for end in (0, None, 1)] for key in axes}
-            several = (dict(zip(axes, values, strict=True)) for values in itertools.product(*corners.values()))
-            every += [one for one in several if one != rest]
+            every += [dict(zip(axes, values, strict=True)) for values in itertools.product(*corners.values())]
+        # Where nothing is strong, no place is tried.
+        every = [one for one in every if not neutral or any(one[key] != rest[key] for key in neutral)]
     return [Trial(values, _least(values, searched, neutral, believed[0]), believed[1]) for values in every]
 
 
