@@ -147,3 +147,23 @@ def test_time_records_of_other_formats_are_described(tmp_path):
     assert inspect(path, tmp_path, Console(file=screen, width=300)) is None
     for words in ("1 recording", "400 samples", "1000 Hz", "force up to 30", "torchplate frf hit_4.csv --response"):
         assert words in screen.getvalue()
+
+
+def test_a_table_of_modes_is_described(tmp_path):
+    path = tmp_path / "modes.csv"
+    path.write_text(
+        'mode;frequency_hz;damping_ratio;1;7;"0.12,0.08"\n1;68.41;0.0031;1.0;-0.52;0.33\n2;97.13;;0.2;0.9;-0.4\n'
+    )
+    screen = StringIO()
+    assert inspect(path, tmp_path, Console(file=screen, width=300)) is None
+    for words in ("2 modes at 3 points: 68.41, 97.13 Hz", "measurement: {modal_model: {file: modes.csv}}"):
+        assert words in screen.getvalue()
+
+
+def test_no_name_and_no_command_is_cut_off_on_a_narrow_terminal(tmp_path):
+    path = tmp_path / f"{'a_long_name_' * 8}.csv"
+    path.write_text("mode,frequency_hz,damping_ratio,1\n1,68.41,0.0031,1.0\n")
+    screen = StringIO()
+    inspect(path, tmp_path, Console(file=screen, width=60))
+    assert "…" not in screen.getvalue()
+    assert path.name in "".join(screen.getvalue().split())

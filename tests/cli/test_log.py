@@ -91,6 +91,12 @@ def test_no_curve_is_a_single_dot(searched, bench):
             assert len({point.step for point in read.Scalars(tag)}) > 1, tag
 
 
+def test_the_gap_is_a_curve_without_pictures_too(bench):
+    """TensorBoard leaves out the outer twentieths of a chart's values: of two points it would show neither."""
+    found = bench.run(ONE, {"search.n_generation": 12, "search.tolerance": None, "log.n_figure": 0})
+    assert len(events(found.folder).Scalars("gap/baseline")) >= 12
+
+
 def test_what_the_settings_led_to_are_the_ends_of_curves_that_are_there(bench):
     found = bench.run(ONE, {"search.n_generation": 2, "search.polish": True})
     read = events(found.folder)

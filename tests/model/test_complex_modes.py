@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from torchplate.effects import DampingPatch, ExponentialWindow, HystereticDamping, Plate, SupportSpring, ViscousDamping
-from torchplate.model import PlateModel, Searched, frf
+from torchplate.model import PlateModel, Searched, modal_receptance
 from torchplate.plate import Mesh
 
 KNOWN = {
@@ -48,8 +48,8 @@ def build(mesh: Mesh, rayleigh: float = 0.0) -> PlateModel:
 def asked(monkeypatch):
     """How often the complex modes were asked."""
     calls = []
-    inner = frf._by_complex_modes
-    monkeypatch.setattr(frf, "_by_complex_modes", lambda *given: calls.append(1) or inner(*given))
+    inner = modal_receptance._by_complex_modes
+    monkeypatch.setattr(modal_receptance, "_by_complex_modes", lambda *given: calls.append(1) or inner(*given))
     return calls
 
 

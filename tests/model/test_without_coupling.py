@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from torchplate.effects import CATALOGUE
-from torchplate.model import PlateModel, Searched, frf
+from torchplate.model import PlateModel, Searched, modal_receptance
 from torchplate.plate import Mesh
 
 KNOWN = {
@@ -41,8 +41,8 @@ def build(**rayleigh: float) -> PlateModel:
 def asked(monkeypatch):
     """How often the modes were taken one by one."""
     calls = []
-    inner = frf._by_uncoupled_modes
-    monkeypatch.setattr(frf, "_by_uncoupled_modes", lambda *given: calls.append(1) or inner(*given))
+    inner = modal_receptance._by_uncoupled_modes
+    monkeypatch.setattr(modal_receptance, "_by_uncoupled_modes", lambda *given: calls.append(1) or inner(*given))
     return calls
 
 
@@ -85,5 +85,5 @@ def test_one_by_one_is_what_a_matrix_of_the_same_diagonal_gives(rayleigh, monkey
     model = build(stiffness_coefficient=rayleigh).without_coupling()
     theta = torch.tensor([[0.4, 0.4], [0.1, 0.7]], dtype=torch.float64)
     found = model.frf(theta, LINES)
-    monkeypatch.setattr(frf, "_is_diagonal", lambda _: False)
+    monkeypatch.setattr(modal_receptance, "_is_diagonal", lambda _: False)
     assert off(model.frf(theta, LINES), found) < 1e-9

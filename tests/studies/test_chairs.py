@@ -1,5 +1,10 @@
 """The three chairs: their files are what a user would bring, and their steps are timed until one fails."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from io import StringIO
 
 import pytest
@@ -74,3 +79,21 @@ def test_a_chair_without_its_file_is_left_out_and_an_unknown_one_is_refused(tmp_
     assert "left out" in capsys.readouterr().out
     assert chairs.main(["stool"], tmp_path / "out", tmp_path) == 2
     assert "spruce, roving, hits" in capsys.readouterr().err
+
+
+def test_what_stops_the_stopwatch_stops_the_command_it_times(tmp_path):
+    """Run apart: the signal is for the whole process."""
+    program = (
+        "import sys; from pathlib import Path; from torchplate.studies import chairs\n"
+        f"folder = Path({str(tmp_path)!r})\n"
+        "words = [sys.executable, '-c', 'import os, time; print(os.getpid(), flush=True); time.sleep(600)']\n"
+        "with (folder / 'log').open('w') as log: chairs._run(words, folder, log)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", program]) as parent:
+        while not (log := tmp_path / "log").exists() or not log.read_text().endswith("\n"):
+            assert parent.poll() is None
+            time.sleep(0.05)
+        parent.terminate()
+        assert parent.wait(timeout=60) == 128 + signal.SIGTERM
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(log.read_text()), 0)

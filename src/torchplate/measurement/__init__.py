@@ -44,7 +44,7 @@ from torchplate.measurement.geometry import Proposal, Said, propose
 from torchplate.measurement.imperfections import CAREFUL, PERFECT, Imperfections
 from torchplate.measurement.measurement import KINDS, SI_UNIT, Channel, Kind, Measurement, MeasurementError
 from torchplate.measurement.modal_analysis import Analysed, modes
-from torchplate.measurement.modal_model import ModalModel
+from torchplate.measurement.modal_model import ModalModel, is_modal_table, read_modal_table
 from torchplate.measurement.modal_test import Hammer, hammer_test
 from torchplate.measurement.natural_frequencies import SCATTER, NaturalFrequencies, assumed, with_std
 from torchplate.measurement.nodes import read_nodes, with_nodes
@@ -109,6 +109,7 @@ __all__ = [
     "frf_of_hits",
     "hammer_test",
     "in_frame",
+    "is_modal_table",
     "modes",
     "noise_level",
     "peaks",
@@ -119,6 +120,7 @@ __all__ = [
     "read_geometry",
     "read_measurement",
     "read_modal_model",
+    "read_modal_table",
     "read_nodes",
     "read_recordings",
     "read_uff",

@@ -147,6 +147,16 @@ class ModalModel:
         return stream.getvalue()
 
 
+def is_modal_table(path: Path) -> bool:
+    """Whether a file begins as a table of modes does; its cells may still be wrong."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            first = next((line for line in file if line.strip() and not line.startswith("#")), "")
+    except OSError:
+        return False
+    return tuple(cell.strip().lower() for cell in re.split(r"[,;\t]", first)[: len(HEAD)]) == HEAD
+
+
 def read_modal_table(path: Path) -> ModalModel:
     """Read a table of modes; columns apart by commas, semicolons or tabs.
 

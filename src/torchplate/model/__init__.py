@@ -4,7 +4,8 @@
 - `declared`: what its effects declare, sorted into known and searched.
 - `modes`: batched natural frequencies and mode shapes.
 - `modes_at`: both at places of the plate, differentiable.
-- `frf`: receptances by modal sum, exact for local dashpots, and the direct solve that referees them.
+- `modal_receptance`: a plate in modal coordinates, and its receptances by modal sum, exact for local dashpots.
+- `frf`: what a sensor chain makes of receptances, and the direct solve that referees them; `batched`: below both.
 - `modal_solution`: the solve of one batch by the modes of each member.
 - `rearranged`: FRFs that an effect only exchanges or turns.
 - `gradient`: their derivatives, exact where natural frequencies repeat too; `impedance`, `loewner`: below them.
@@ -28,9 +29,10 @@ from torchplate.model.attach import attach_
 from torchplate.model.error_estimate import basis_error, estimated_error
 from torchplate.model.extrapolation import Extrapolated, extrapolate, on_mesh
 from torchplate.model.fine_mesh import DENSE, SparseModel
-from torchplate.model.frf import DERIVATIVE, as_kind, laplace_lines, modal_denominator, sensor_chain
+from torchplate.model.frf import DERIVATIVE, as_kind, laplace_lines, sensor_chain
 from torchplate.model.gradient import modal_impedance
 from torchplate.model.impedance import own_damping
+from torchplate.model.modal_receptance import modal_denominator
 from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, modal_sum
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes, whiten
 from torchplate.model.modes_at import ModesAt, modes_at

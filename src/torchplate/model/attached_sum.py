@@ -21,7 +21,7 @@ from torch import Tensor
 from torch.autograd import Function
 
 from torchplate.model.attach import attach, attach_, weights_
-from torchplate.model.frf import joined
+from torchplate.model.batched import joined
 from torchplate.model.modal_sum import Stretch, as_complex, as_real, modal_sum, pairs_of
 from torchplate.plate import transformed
 

@@ -26,9 +26,10 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.nn.functional import pad
 
-from torchplate.model.frf import receptance, stack_rows
+from torchplate.model.batched import stack_rows
 from torchplate.model.impedance import Impedance, adjoint_gradient, change_times, conjugate, contract, solve, times
 from torchplate.model.loewner import receptance_gradient
+from torchplate.model.modal_receptance import receptance
 from torchplate.model.modes import Modes, solve_modes
 from torchplate.plate import System
 
@@ -178,8 +179,7 @@ class _Receptance(Function):
 
     @staticmethod
     def forward(left: Tensor, right: Tensor, *inputs: Tensor | None) -> Tensor:
-        z = Impedance(*inputs)  # type: ignore[arg-type]
-        found = receptance(z.eigenvalue, z.proportional, z.laplace, left, right, z.dashpot, z.force, z.hysteretic)
+        found = receptance(Impedance(*inputs).modal, left, right)  # type: ignore[arg-type]
         # Not a view of anything: forward mode through views of views fails inside torch.
         return found.clone(memory_format=torch.contiguous_format)
 

@@ -10,7 +10,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.model.frf import modal_denominator, modal_receptance, solve_each, stack_rows
+from torchplate.model.batched import solve_each, stack_rows
+from torchplate.model.modal_receptance import ModalSystem, modal_receptance
 from torchplate.plate import LOWEST_FREQUENCY, REFERENCE_FREQUENCY, Proportional
 
 
@@ -46,6 +47,11 @@ class Impedance(NamedTuple):
     def proportional(self) -> Proportional:
         """Damping in proportion to K and M."""
         return Proportional(*self[4:8], loss_exponent=0.0 if self.loss_exponent is None else self.loss_exponent)
+
+    @property
+    def modal(self) -> ModalSystem:
+        """The same as far as a value needs it: only diagonals of A and B."""
+        return ModalSystem(self.eigenvalue, self.proportional, self.laplace, self.dashpot, self.force, self.hysteretic)
 
     def at(self, lines: slice) -> "Impedance":
         """The same at some of its lines."""
@@ -99,7 +105,7 @@ def solve(z: Impedance, weight: Tensor, rows: Tensor) -> Tensor:
         weight: complex [*batch n_frequency n_solved n_row].
         rows: real [*batch n_row n].
     """
-    real, imaginary = modal_denominator(z.eigenvalue, z.proportional, z.laplace)
+    real, imaginary = z.modal.denominator()
     gain = z.force.mT[..., None]
     if z.hysteretic is not None:
         impedance = torch.diag_embed(torch.complex(real, imaginary)) + 1j * z.hysteretic[..., None, :, :]
@@ -107,7 +113,7 @@ def solve(z: Impedance, weight: Tensor, rows: Tensor) -> Tensor:
         return solve_each(impedance + dashpot.mT @ (gain * dashpot), times(weight, rows).mT).mT
     if z.dashpot.shape[-2] > 0:
         # The dashpots' forces are more rows in the mix, so that the many modes are gone through only once.
-        felt = modal_receptance(z.eigenvalue, z.proportional, z.laplace, stack_rows(rows, z.dashpot), z.dashpot)
+        felt = modal_receptance(z.modal, stack_rows(rows, z.dashpot), z.dashpot)
         by_rows, own = felt.split([rows.shape[-2], z.dashpot.shape[-2]], dim=-2)
         coupled = torch.eye(own.shape[-1]).to(own) + gain * own
         force = torch.linalg.solve(coupled, gain * (weight @ by_rows).mT).mT

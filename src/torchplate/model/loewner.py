@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from torchplate.model.attach import lines_last, weights
-from torchplate.model.frf import stack_rows
+from torchplate.model.batched import stack_rows
 from torchplate.model.impedance import Impedance, conjugate
 from torchplate.model.modal_sum import LINES_AT_ONCE, Disc, Stretch, as_real, pairs_of, times_complex
 

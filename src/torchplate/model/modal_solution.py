@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.model.frf import joined
+from torchplate.model.batched import joined
 from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
 from torchplate.model.impedance import scattered
 from torchplate.plate import System

@@ -9,10 +9,10 @@ from torch import Tensor
 
 from torchplate.effects import Effect, SensorChain
 from torchplate.model.arguments import Numbers, Points, as_frequency
+from torchplate.model.batched import joined
 from torchplate.model.frf import (
     as_kind,
     direct_receptance,
-    joined,
     laplace_lines,
     lines_at_once,
     sensor_chain,

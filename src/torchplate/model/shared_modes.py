@@ -25,7 +25,7 @@ from torch import Tensor, nn
 
 from torchplate.model.attach import lines_last, terms_first
 from torchplate.model.attached_sum import Rows, attached_sum
-from torchplate.model.frf import stack_rows
+from torchplate.model.batched import stack_rows
 from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, reciprocal
 from torchplate.model.modes import solve_modes
 from torchplate.plate import REMEMBERED, Assembly, Plan, Proportional, Sprung, concatenate, is_vmapped, transformed

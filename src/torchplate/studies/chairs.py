@@ -13,13 +13,14 @@ import json
 import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import numpy as np
 import torch
@@ -235,13 +236,25 @@ def timed(chair: Chair, folder: Path, console: Console) -> list[Step]:
         load, began = os.getloadavg()[0], time.monotonic()
         with (folder / f"{words[0]}.log").open("w") as log:
             command = [sys.executable, "-m", "torchplate", *words]
-            status = subprocess.run(command, cwd=folder, stdout=log, stderr=subprocess.STDOUT, check=False).returncode
+            status = _run(command, folder, log)
         found.append(Step(words, time.monotonic() - began, load, status))
         if status:
             said = (folder / f"{words[0]}.log").read_text().splitlines()[-1:]
             console.print(f"`torchplate {shlex.join(words)}` ended with {status}: {''.join(said)}", markup=False)
             break
     return found
+
+
+def _run(command: Sequence[str], folder: Path, log: IO[str]) -> int:
+    """Run a command to its end; what stops this process stops the command, too."""
+    with subprocess.Popen(command, cwd=folder, stdout=log, stderr=subprocess.STDOUT) as child:
+        before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+        try:
+            return child.wait()
+        finally:
+            signal.signal(signal.SIGTERM, before)
+            if child.poll() is None:
+                child.terminate()
 
 
 def _table(steps: Sequence[Step]) -> Table:

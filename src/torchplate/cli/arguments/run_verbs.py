@@ -17,14 +17,17 @@ def _device(parser: ArgumentParser) -> None:
     parser.add_argument("--device", default="cpu", help="where the tensors live (default: cpu)")
 
 
-def _run_arguments(parser: ArgumentParser) -> None:
+def _folder(parser: ArgumentParser, what: str, resume: str) -> None:
+    """A config that ends in a folder, which may hold an earlier one."""
     _config(parser)
-    parser.add_argument("--out", type=Path, help="the run's folder (default: runs/<config name>/<time>)")
+    parser.add_argument("--out", type=Path, help="the folder (default: runs/<config name>/<time>)")
     _device(parser)
-    parser.add_argument(
-        "--resume", action="store_true", help="go on from the checkpoint in --out, or in the latest folder"
-    )
-    parser.add_argument("--force", action="store_true", help="write over what an earlier run has left in --out")
+    parser.add_argument("--resume", action="store_true", help=f"{resume}, in --out or in the latest folder")
+    parser.add_argument("--force", action="store_true", help=f"write over what an earlier {what} has left in --out")
+
+
+def _run_arguments(parser: ArgumentParser) -> None:
+    _folder(parser, "run", "go on from the checkpoint")
 
 
 def _run(parsed: Parsed) -> None:
@@ -40,13 +43,7 @@ def _run(parsed: Parsed) -> None:
 
 
 def _diagnose_arguments(parser: ArgumentParser) -> None:
-    _config(parser)
-    parser.add_argument("--out", type=Path, help="the folder (default: runs/<config name>/<time>)")
-    _device(parser)
-    parser.add_argument(
-        "--resume", action="store_true", help="go on with one that was stopped, in --out or in the latest folder"
-    )
-    parser.add_argument("--force", action="store_true", help="write over what an earlier diagnosis has left in --out")
+    _folder(parser, "diagnosis", "go on with one that was stopped")
     parser.add_argument(
         "--since", type=Path, metavar="REFERENCE", help="the config of an earlier test of the plate: say what changed"
     )

@@ -13,6 +13,9 @@ from torchplate.report import frf_figures
 from torchplate.search import Outcome
 from torchplate.search import Progress as SearchProgress
 
+# Points of the gap's curve, each an evaluation of one member: of a few, TensorBoard takes the ends for outliers.
+N_GAP = 20
+
 
 def shown(
     recipe: Run, shared: Shared, log: RunLog, console: Console, ranks: Ranks | None, figures: bool = True
@@ -33,6 +36,7 @@ def shown(
     )
     n_figure, n_panel = recipe.config.log.n_figure, recipe.config.log.n_panel
     drawn_at = {settings.n_generation * turn // n_figure for turn in range(1, n_figure)} if figures else set()
+    told_at = drawn_at | {settings.n_generation * turn // N_GAP for turn in range(N_GAP)}
     bar = Progress(*columns, console=console, disable=not console.is_terminal)
     with bar, Heartbeat(console, settings.n_generation) as line:
         task = bar.add_task(settings.optimizer, total=settings.n_generation, best=float("inf"), rate=0.0)
@@ -46,7 +50,7 @@ def shown(
             bar.update(task, completed=progress.generation, best=float(progress.best_objective[best]), rate=rate)
             line.beat(progress.generation, float(progress.best_objective[best]), rate)
             step = int(progress.n_evaluation[best])
-            if progress.generation in {0, *drawn_at}:
+            if progress.generation in told_at:
                 log.gap(float(searched.gap(theta[best])), step)
             if progress.generation in drawn_at:
                 for tag, figure in frf_figures(searched, theta[best], n_panel).items():

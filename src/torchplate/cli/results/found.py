@@ -9,13 +9,13 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from torchplate.cli.config.build import Run
 from torchplate.cli.config.searches import SEARCHES
 from torchplate.cli.folder.writing import write_files, write_text
 from torchplate.cli.progress.log import RunLog
 from torchplate.cli.results.gathered import histories
+from torchplate.cli.results.table import plain_table
 from torchplate.discrepancy import Objective
 from torchplate.identification import Identified, Result, Settings, evaluated
 from torchplate.model import PlateModel
@@ -103,7 +103,7 @@ def content(recipe: Run, result: Result) -> dict[str, Any]:
 def say(console: Console, folder: Path, result: dict[str, Any], sentences: Sequence[str]) -> None:
     """Print what result.json holds, what must be known of it, and where it lies."""
     if result["parameters"]:
-        table = Table("parameter", "value", "standard error", "unit", "", box=None, padding=(0, 2))
+        table = plain_table("parameter", "value", "standard error", "unit", "")
         for name, entry in result["parameters"].items():
             std = "not seen" if entry["std"] is None else f"{entry['std']:.2g}"
             table.add_row(
@@ -111,7 +111,7 @@ def say(console: Console, folder: Path, result: dict[str, Any], sentences: Seque
             )
         console.print(table)
     if "modes" in result:
-        table = Table("mode", "measured [Hz]", "model [Hz]", "MAC", box=None, padding=(0, 2))
+        table = plain_table("mode", "measured [Hz]", "model [Hz]", "MAC")
         for pair in result["modes"]:
             hertzs = f"{pair['measured_hz']:.2f}", f"{pair['model_hz']:.2f}"
             table.add_row(str(pair["mode"]), *hertzs, f"{pair['mac']:.3f}")

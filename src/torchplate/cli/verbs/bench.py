@@ -17,10 +17,10 @@ import matplotlib
 import torch
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.table import Table
 
 from torchplate.bench import generation, gradient, identification, memory, slopes
 from torchplate.cli.folder.writing import whole, write_text
+from torchplate.cli.results.table import plain_table
 
 PARTS: dict[str, Callable[[], Any]] = {
     "generation": generation,
@@ -111,7 +111,7 @@ def _say_best(result: Mapping[str, Any], console: Console) -> None:
 
 def _show_generation(found: Mapping[str, Any], console: Console) -> None:
     console.print(f"  {found['problem']}")
-    table = Table("", "seconds", "times as fast", "error against direct solves", box=None, padding=(0, 2))
+    table = plain_table("", "seconds", "times as fast", "error against direct solves")
     for row in found["rows"]:
         table.add_row(row["name"], f"{row['seconds']:.4f}", f"{row['ratio']:.1f}", f"{row['error']:.0e}")
     for name, taken in found["modes_alone_s"].items():
@@ -124,7 +124,7 @@ def _show_generation(found: Mapping[str, Any], console: Console) -> None:
 
 
 def _show_identification(found: Mapping[str, Any], console: Console) -> None:
-    table = Table("", "seconds", "times as fast", "evaluations", "over the best", box=None, padding=(0, 2))
+    table = plain_table("", "seconds", "times as fast", "evaluations", "over the best")
     for row in found["rows"]:
         numbers = (
             f"{row['seconds']:.2f}",
@@ -137,7 +137,7 @@ def _show_identification(found: Mapping[str, Any], console: Console) -> None:
 
 
 def _show_gradient(found: Sequence[Mapping[str, Any]], console: Console) -> None:
-    table = Table("", "members", "FRFs", "evaluation [s]", "backward, in evaluations", box=None, padding=(0, 2))
+    table = plain_table("", "members", "FRFs", "evaluation [s]", "backward, in evaluations")
     for row in found:
         numbers = f"{row['forward_s']:.4f}", f"{row['backward_over_forward']:.2f}"
         table.add_row(row["way"], str(row["n_member"]), row["frfs"], *numbers)

@@ -12,6 +12,7 @@ from torchplate.cli.config import InputError
 from torchplate.cli.folder.writing import write_files
 from torchplate.cli.results.finished import RESULT, Finished, by_plate, differences, finished_below, read_finished
 from torchplate.cli.results.gathered import gathered
+from torchplate.cli.results.table import plain_table
 from torchplate.report import Compared, comparison_report, comparison_tables
 from torchplate.report import Table as Block
 
@@ -101,7 +102,7 @@ def _one_plate(runs: Sequence[Finished], out: Path, console: Console) -> dict[st
 
 
 def _rich(table: Block) -> Table:
-    drawn = Table(*(escape(name.removesuffix(">")) for name in table.head), box=None, padding=(0, 2))
+    drawn = plain_table(*(name.removesuffix(">") for name in table.head))
     for row in table.rows:
         drawn.add_row(*map(escape, row))
     return drawn

@@ -8,7 +8,6 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from torchplate.cli.config import dump
 from torchplate.cli.config.build import Run, load_run
@@ -18,6 +17,7 @@ from torchplate.cli.folder.occupied import occupied
 from torchplate.cli.folder.opening import DESCENTS, HYPOTHESES, check_free, diagnosis_folder, open_folder, relocated
 from torchplate.cli.folder.writing import write_files, write_text
 from torchplate.cli.machine.device import device_named
+from torchplate.cli.results.table import plain_table
 from torchplate.cli.verbs.diagnose_change import diagnose_change
 from torchplate.diagnosis import SCHEMA as OF_HYPOTHESES
 from torchplate.diagnosis import Diagnosis
@@ -198,7 +198,7 @@ def _say(console: Console, found: Diagnosis, folder: Path, words: Mapping[str, s
         f"  gap {percent(gap.baseline)} to {percent(gap.final)}{held}; noise floor {percent(gap.noise_floor)}"
     )
     if found.scores:
-        table = Table("effect", "expected drop", "gap after refit", "", box=None, padding=(0, 2))
+        table = plain_table("effect", "expected drop", "gap after refit", "")
         for row in found.scores[0]:
             table.add_row(
                 row.name,

@@ -10,17 +10,21 @@ from rich.markup import escape
 from rich.table import Table
 
 from torchplate.cli.folder.writing import whole
+from torchplate.cli.results.table import plain_table
 from torchplate.measurement import (
     RECORD_SUFFIX,
     UFF_SUFFIX,
     Contents,
     Measurement,
     MeasurementError,
+    ModalModel,
     Quality,
     Recording,
     assess,
     describe,
+    is_modal_table,
     read_measurement,
+    read_modal_table,
     read_recordings,
 )
 
@@ -29,7 +33,7 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
     """Describe a file; report on its FRFs, where there are any, and save one figure of them.
 
     Args:
-        path: A universal file, an .npz archive, or time records (WAV, MAT, CSV, LVM).
+        path: A universal file, an .npz archive, time records (WAV, MAT, CSV, LVM), or a table of modes (CSV).
         out: Folder of the figure; by default runs/inspect, under the current folder.
         console: Where the report goes; by default the terminal.
 
@@ -42,6 +46,9 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
     console = console or Console()
     path = Path(path)
     suffix = path.suffix.lower()
+    if suffix == ".csv" and is_modal_table(path):
+        console.print(_modes(read_modal_table(path), path))
+        return None
     if suffix in RECORD_SUFFIX and (suffix != ".npz" or not _holds_frfs(path)):
         console.print(_records(read_recordings(path), path))
         return None
@@ -86,11 +93,7 @@ def _holds_frfs(path: Path) -> bool:
 
 
 def _records(recordings: list[Recording], path: Path) -> Table:
-    table = Table(
-        title=escape(f"{path}: time records"), show_header=False, title_justify="left", box=None, padding=(0, 2)
-    )
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column()
+    table = plain_table("", "", title=f"{path}: time records")
     first, n = recordings[0], len(recordings)
     length = len(first.force)
     table.add_row(
@@ -104,21 +107,25 @@ def _records(recordings: list[Recording], path: Path) -> Table:
     return table
 
 
+def _modes(model: ModalModel, path: Path) -> Table:
+    table = plain_table("", "", title=f"{path}: a modal model")
+    shown = ", ".join(f"{hertz:.5g}" for hertz in model.frequency[:12].tolist())
+    rest = f" and {len(model.frequency) - 12} more" if len(model.frequency) > 12 else ""
+    table.add_row("holds", f"{len(model.frequency)} modes at {len(model.point)} points: {shown}{rest} Hz")
+    what = f"in a config: measurement: {{modal_model: {{file: {shlex.quote(path.name)}}}}}"
+    table.add_row("what torchplate does", escape(what))
+    return table
+
+
 def _contents(contents: Contents, path: Path) -> Table:
-    table = Table(
-        title=escape(f"{path}: what it holds"), title_justify="left", box=None, padding=(0, 2), header_style="dim"
-    )
-    for head in ("", "holds", "what torchplate does with it"):
-        table.add_column(head)
+    table = plain_table("", "holds", "what torchplate does with it", title=f"{path}: what it holds")
     for part in contents.parts:
         table.add_row(*(escape(text) for text in part))
     return table
 
 
 def _summary(measurement: Measurement, quality: Quality, path: Path) -> Table:
-    table = Table(title=escape(str(path)), show_header=False, title_justify="left", box=None, padding=(0, 2))
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column()
+    table = plain_table("", "", title=str(path))
     n_response, n_reference = len(measurement.response), len(measurement.reference)
     table.add_row("FRFs", f"{len(measurement.pairs)} of {n_response} × {n_reference} (responses × references)")
     table.add_row("responses", " ".join(c.label for c in measurement.response))
@@ -169,13 +176,12 @@ def _peaks(quality: Quality) -> str:
 
 
 def _channels(measurement: Measurement, quality: Quality) -> Table:
-    table = Table(title="Channels", title_justify="left", box=None, padding=(0, 2), header_style="dim")
     heads = ["FRF", f"rms level [{measurement.unit}]", "line noise"]
     coherence = {c.label: c for c in quality.coherence}
     heads += ["coherence mean", "median", "below 0.8"] if coherence else []
-    for index, head in enumerate(heads):
-        # A literal bracket would be read as rich's markup.
-        table.add_column(head.replace("[", r"\["), justify="left" if index == 0 else "right")
+    table = plain_table(*heads, title="Channels")
+    for column in table.columns[1:]:
+        column.justify = "right"
     level = measurement.frf.abs().square().mean(dim=0).sqrt()
     for j, k in measurement.pairs[:60]:
         label = measurement.pair_label(j, k)

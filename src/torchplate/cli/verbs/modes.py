@@ -4,10 +4,10 @@ import shlex
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from torchplate.cli.config import InputError
 from torchplate.cli.folder.writing import whole
+from torchplate.cli.results.table import plain_table
 from torchplate.discrepancy import mac
 from torchplate.measurement import (
     MODAL_SUFFIX,
@@ -69,8 +69,7 @@ def modes(
 
 def _say(found: Analysed, console: Console) -> None:
     model = found.model
-    table = Table("mode", "frequency [Hz]", "damping ratio [%]", "indicator", "collinearity", "orders [%]",
-                  box=None, padding=(0, 2))  # fmt: skip
+    table = plain_table("mode", "frequency [Hz]", "damping ratio [%]", "indicator", "collinearity", "orders [%]")
     for index, (hertz, ratio) in enumerate(zip(model.frequency.tolist(), model.damping_ratio.tolist(), strict=True)):
         told = (found.indicator[index], found.collinearity[index])
         numbers = [f"{hertz:.3f}", f"{100 * ratio:.3f}", *(f"{one:.2f}" for one in told)]
@@ -86,7 +85,8 @@ def _say(found: Analysed, console: Console) -> None:
         alike = mac(model.shape, model.shape)
         n_mode = min(len(alike), MOST_COLUMNS)
         console.print("MAC of the modes with each other [%]", highlight=False)
-        matrix = Table("", *(str(number + 1) for number in range(n_mode)), box=None, padding=(0, 1))
+        matrix = plain_table("", *(str(number + 1) for number in range(n_mode)))
+        matrix.padding = (0, 1)
         for number, row in enumerate(alike[:n_mode, :n_mode].tolist(), start=1):
             matrix.add_row(str(number), *(f"{100 * value:.0f}" for value in row))
         console.print(matrix)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from torchplate.cli.config import InputError
 from torchplate.cli.config.build import Run, load_run
@@ -15,6 +14,7 @@ from torchplate.cli.folder.occupied import occupied
 from torchplate.cli.folder.opening import HYPOTHESES, check_free, diagnosis_folder, has_ended, relocated
 from torchplate.cli.folder.writing import write_text
 from torchplate.cli.machine.device import device_named
+from torchplate.cli.results.table import plain_table
 from torchplate.cli.verbs.diagnose import diagnose
 from torchplate.cli.verbs.plan_text import compose, in_words
 from torchplate.diagnosis import Doubt
@@ -147,7 +147,7 @@ def _is_of(recipe: Run, folder: Path) -> bool:
 
 
 def _say(console: Console, found: Plan, folder: Path) -> None:
-    table = Table("test", "cost", "right name" if found.needed else "interval", "parts", box=None, padding=(0, 2))
+    table = plain_table("test", "cost", "right name" if found.needed else "interval", "parts")
     shown: dict[str, int] = {}
     for one in found.scored:
         kind = one.proposal.can

@@ -1,0 +1,184 @@
+"""Receptances from modes: the modal sum with a low-rank correction, exact in all damping terms.
+
+With mass-normalised modes of (K, M) and damping in proportion to both, Z(s) is diagonal in modal coordinates,
+
+    d_r(s) = ω_r² (1 + iβ + sb) + iη + sa + s²,
+
+so α_jk = Σ_r φ_jr φ_kr / d_r (seed paper, Eq. 19–20; Ewins, Modal Testing, section 2.4). Dashpots at places make it
+d + s Uᵀ C U; they are attached one after the other, exactly: see `modal_sum`. s = iω on the frequency axis; s = iω + σ
+for a record windowed by exp(−σt).
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from torchplate.model.attach import attach, lines_last
+from torchplate.model.batched import joined, solve_each, stack_rows
+from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum
+from torchplate.plate import Proportional, is_vmapped
+
+# Impedances solved at once, so that they stay in the cache [bytes].
+IN_CACHE = 4 * 2**20
+
+
+class ModalSystem(NamedTuple):
+    """A plate in the coordinates of its modes, at some lines: Z(s) = diag d_r(s) + Uᵀ D U + iH.
+
+    Attributes:
+        eigenvalue: ω_r² [rad²/s²].
+        proportional: damping in proportion to K and M.
+        laplace: s [1/s].
+        dashpot: U, modal deflections at the dashpots and sprung masses [1/√kg].
+        force: D, their dynamic stiffness at every line [N/m].
+        hysteretic: H = ΦᵀHΦ of elements with a loss of their own [rad²/s²].
+    """
+
+    eigenvalue: Float[Tensor, "*#batch n_mode"]
+    proportional: Proportional
+    laplace: Complex[Tensor, "*#batch n_frequency"]
+    dashpot: Float[Tensor, "*#batch n_dashpot n_mode"]
+    force: Complex[Tensor, "*#batch n_dashpot n_frequency"]
+    hysteretic: Float[Tensor, "*#batch n_mode n_mode"] | None = None
+
+    def split(self, at_once: int) -> "Iterator[ModalSystem]":
+        """The same, at so many of its lines at a time."""
+        lines = zip(self.laplace.split(at_once, dim=-1), self.force.split(at_once, dim=-1), strict=True)
+        return (self._replace(laplace=s, force=force) for s, force in lines)
+
+    def stretches(self) -> "Iterator[ModalSystem]":
+        """The same, at lines that stay in the cache together."""
+        return self.split(LINES_AT_ONCE if self.laplace.device.type == "cpu" else self.laplace.shape[-1])
+
+    def denominator(
+        self,
+    ) -> tuple[Float[Tensor, "*batch n_frequency n_mode"], Float[Tensor, "*batch n_frequency n_mode"]]:
+        """Real and imaginary part of d_r(s) [rad²/s²]."""
+        return modal_denominator(self.eigenvalue, self.proportional, self.laplace)
+
+
+def modal_denominator(
+    eigenvalue: Float[Tensor, "*#batch n_mode"],
+    proportional: Proportional,
+    laplace: Complex[Tensor, "*#batch n_frequency"],
+) -> tuple[Float[Tensor, "*batch n_frequency n_mode"], Float[Tensor, "*batch n_frequency n_mode"]]:
+    """Real and imaginary part of d_r(s) [rad²/s²].
+
+    Real arithmetic throughout: complex division costs several times as much, and this is the largest array of all.
+    """
+    kappa, mu = (part[..., None] for part in proportional.at(laplace))
+    square = eigenvalue[..., None, :]
+    real, imaginary = torch.broadcast_tensors(square * kappa.real + mu.real, square * kappa.imag + mu.imag)
+    return real, imaginary
+
+
+def modal_receptance(
+    system: ModalSystem, left: Float[Tensor, "*#batch n_left n_mode"], right: Float[Tensor, "*#batch n_right n_mode"]
+) -> Complex[Tensor, "*batch n_frequency n_left n_right"]:
+    """Σ_r left_r right_r / d_r(s) [m/N], nothing attached: one real matrix product for all lines and pairs."""
+    real, imaginary = system.denominator()
+    scale = 1 / (real**2 + imaginary**2)
+    inverse = torch.stack([real * scale, -imaginary * scale], dim=-3)
+    pairs = (left[..., :, None, :] * right[..., None, :, :]).flatten(-3, -2)
+    total = inverse @ pairs[..., None, :, :].mT
+    total = total.unflatten(-1, (left.shape[-2], right.shape[-2]))
+    return torch.complex(total[..., 0, :, :, :], total[..., 1, :, :, :])
+
+
+def receptance(
+    system: ModalSystem,
+    response: Float[Tensor, "*#batch n_response n_mode"],
+    reference: Float[Tensor, "*#batch n_reference n_mode"],
+) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
+    """Receptance α [m/N] from modes, exact in all damping terms.
+
+    Args:
+        system: where its parts with a loss of their own couple the modes, complex modes are solved for, or each line.
+        response: modal deflections at the responses [1/√kg].
+        reference: modal deflections at the references [1/√kg].
+    """
+    if system.hysteretic is not None:
+        return _with_own_loss(system, system.hysteretic, response, reference)
+    left, right = stack_rows(system.dashpot, response), stack_rows(system.dashpot, reference)
+    parts = []
+    for part in system.stretches():
+        kappa, mu = part.proportional.at(part.laplace)
+        batches = (part.eigenvalue.shape[:-1], left.shape[:-2], right.shape[:-2], part.force.shape[:-2])
+        shape = torch.broadcast_shapes(*batches, kappa.shape[:-1], mu.shape[:-1])
+        flexibility = 1 / kappa
+        z = (-mu * flexibility).expand(*shape, part.laplace.shape[-1])
+        found = modal_sum(part.eigenvalue, left, right, z)
+        parts.append(attach(found, lines_last(part.force, len(shape)) * flexibility) * flexibility)
+    return joined(parts, -1).movedim((0, 1), (-2, -1))
+
+
+def has_complex_modes(proportional: Proportional, *matrices: Tensor) -> bool:
+    """Whether the same complex modes serve all lines: K is times one number at all of them."""
+    varying = proportional.stiffness_coefficient, proportional.loss_exponent
+    if torch.is_grad_enabled() or is_vmapped(*varying, *matrices):
+        return False
+    return not any(bool(torch.as_tensor(part).any()) for part in varying)
+
+
+def _with_own_loss(system: ModalSystem, hysteretic: Tensor, response: Tensor, reference: Tensor) -> Tensor:
+    """α where parts have a loss of their own: mode by mode, by complex modes, or by solves, as far as these couple."""
+    if _is_diagonal(hysteretic):
+        return _by_uncoupled_modes(system, hysteretic.diagonal(dim1=-2, dim2=-1), response, reference)
+    if has_complex_modes(system.proportional, system.eigenvalue, hysteretic):
+        return _by_complex_modes(system, hysteretic, response, reference)
+    tied = system.dashpot[..., None, :, :].to(system.laplace)
+    hysteretic, columns = 1j * hysteretic[..., None, :, :], reference.mT[..., None, :, :].to(system.laplace)
+    sizes = (system.eigenvalue.shape[:-1], hysteretic.shape[:-3], system.dashpot.shape[:-2], system.force.shape[:-2])
+    n_member = torch.broadcast_shapes(*sizes).numel()
+    parts = []
+    for part in system.split(max(1, IN_CACHE // (16 * n_member * system.eigenvalue.shape[-1] ** 2))):
+        coupling = tied.mT @ (part.force.mT[..., None] * tied)
+        impedance = torch.diag_embed(torch.complex(*part.denominator())) + (hysteretic + coupling)
+        parts.append(response[..., None, :, :].to(impedance) @ solve_each(impedance, columns))
+    return joined(parts, -3)
+
+
+def _is_diagonal(hysteretic: Tensor) -> bool:
+    """Whether it couples no modes; under `vmap` nobody may look."""
+    if is_vmapped(hysteretic):
+        return False
+    return not bool((hysteretic - torch.diag_embed(hysteretic.diagonal(dim1=-2, dim2=-1))).any())
+
+
+def _by_uncoupled_modes(system: ModalSystem, own_loss: Tensor, response: Tensor, reference: Tensor) -> Tensor:
+    """Z(s) without the dashpots is diagonal: d_r(s) + i h_r, h what each mode loses by itself."""
+    left, right = stack_rows(system.dashpot, response), stack_rows(system.dashpot, reference)
+    pairs = (left[..., :, None, :] * right[..., None, :, :]).flatten(-3, -2)
+    parts = []
+    for part in system.stretches():
+        real, imaginary = part.denominator()
+        imaginary = imaginary + own_loss[..., None, :]
+        scale = 1 / torch.addcmul(imaginary * imaginary, real, real)
+        found = torch.complex(pairs @ (real * scale).mT, -(pairs @ (imaginary * scale).mT))
+        parts.append(_with_dashpots(found, left, right, part.force))
+    return joined(parts, -1).movedim((0, 1), (-2, -1))
+
+
+def _by_complex_modes(system: ModalSystem, hysteretic: Tensor, response: Tensor, reference: Tensor) -> Tensor:
+    """Z(s) = Λ (1 + iβ) + iH + μ(s), without the dashpots, has the complex modes of Λ (1 + iβ) + iH at every s."""
+    beta = system.proportional.stiffness_loss_factor
+    beta = beta[..., None] if isinstance(beta, Tensor) else beta
+    stiffness = torch.diag_embed(system.eigenvalue * (1 + 1j * beta)) + 1j * hysteretic
+    value, shape = torch.linalg.eig(stiffness)
+    left, right = stack_rows(system.dashpot, response), stack_rows(system.dashpot, reference)
+    rows = left.to(shape) @ shape
+    columns = torch.linalg.solve(shape, right.mT.to(shape)).mT
+    pairs = (rows[..., :, None, :] * columns[..., None, :, :]).flatten(-3, -2)
+    mu = system.proportional.at(system.laplace)[1]
+    found = pairs @ (1 / (value[..., :, None] + mu[..., None, :]))
+    return _with_dashpots(found, left, right, system.force).movedim((0, 1), (-2, -1))
+
+
+def _with_dashpots(found: Tensor, left: Tensor, right: Tensor, force: Tensor) -> Tensor:
+    """Receptances of all pairs of rows, [*batch, pair, line], with the dashpots among the rows attached."""
+    found = found.unflatten(-2, (left.shape[-2], right.shape[-2])).movedim((-3, -2), (0, 1))
+    force = lines_last(force, found.ndim - 3)
+    return attach(found, force.expand(len(force), *found.shape[2:]))
