@@ -176,11 +176,15 @@ def _truth(drawn: Drawn, hidden: Hidden | None, lump: tuple[float, float, float]
 
 
 def judged(record: dict[str, Any]) -> tuple[bool, bool]:
-    """Whether changed or unchanged is right, and whether the name is; an unchanged pair has no name to get right."""
+    """Whether changed or unchanged is right, and whether the name is; an unchanged pair has no name to get right.
+
+    What is said of a pair is its verdict: `consistent` says that nothing changed, any other that something did, with a
+    name or without one.
+    """
     hidden = [one["effect"] for one in record["truth"]["hidden"]]
     found = record["diagnosis"]
     answers = [] if found is None else [one for one in found["effects"] if one["name"] != "mesh_discretisation"]
-    right = found is not None and bool(answers) == bool(hidden)
+    right = found is not None and (found["verdict"] != "consistent") == bool(hidden)
     if not hidden or len(answers) != 1:
         return right, right and not hidden
     names = {answers[0]["name"], *answers[0]["equivalent"]}

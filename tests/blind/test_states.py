@@ -26,9 +26,10 @@ def test_an_unchanged_pair_differs_by_its_test_alone():
     assert torch.equal(pair.before.frequency, pair.measurement.frequency)
 
 
-def record(hidden, *answers):
+def record(hidden, verdict, *answers):
     effects = [{"name": name, "equivalent": list(others)} for name, *others in answers]
-    return {"truth": {"hidden": [{"effect": hidden}] if hidden else []}, "diagnosis": {"effects": effects}}
+    truth = {"hidden": [{"effect": hidden}] if hidden else []}
+    return {"truth": truth, "diagnosis": {"verdict": verdict, "effects": effects}}
 
 
 @pytest.mark.parametrize(
@@ -45,4 +46,10 @@ def record(hidden, *answers):
     ],
 )
 def test_what_is_right(hidden, answers, right):
-    assert judged(record(hidden, *answers)) == right
+    assert judged(record(hidden, "explained" if answers else "consistent", *answers)) == right
+
+
+def test_a_change_without_a_name_is_a_change():
+    """An unchanged pair of which it is said is wrong; of a changed one the name alone is."""
+    assert judged(record(None, "unexplained")) == (False, False)
+    assert judged(record("point_mass", "unexplained")) == (True, False)

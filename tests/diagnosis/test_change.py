@@ -7,8 +7,12 @@ import pytest
 import torch
 
 from torchplate.diagnosis.change import PlateTest, what_changed
+from torchplate.diagnosis.change.after import from_each_other, with_drift
 from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.comparison import Promise, ways_of
+from torchplate.diagnosis.change.flow import comparing_of
+from torchplate.diagnosis.change.settings import SETTINGS
+from torchplate.discrepancy import OfChannels
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import Channel, Imperfections, Measurement, NaturalFrequencies
 from torchplate.model import PlateModel, Searched
@@ -120,16 +124,16 @@ def plate(values: dict[str, float] | None = None, **more: tuple[str, dict[str, f
     return PlateModel(Mesh(0.43, 0.3, 6, 5), effects, known, box, list(RESPONSE), list(REFERENCE), "accelerance")
 
 
-def measured(model: PlateModel, seed: int) -> Measurement:
+def measured(model: PlateModel, seed: int, lines: torch.Tensor = LINES) -> Measurement:
     scatter = (0.1 * torch.randn(12, generator=torch.Generator().manual_seed(9), dtype=torch.float64)).exp()
     with torch.no_grad():
-        frf = model.with_damping_factors(scatter).frf(NOBODY, LINES)
+        frf = model.with_damping_factors(scatter).frf(NOBODY, lines)
     level = 4e-3 * frf.abs().square().mean(0, keepdim=True).sqrt() / math.sqrt(2)
     generator = torch.Generator().manual_seed(seed)
     noise = torch.view_as_complex(torch.randn(*frf.shape, 2, generator=generator, dtype=torch.float64)) * level
     response, reference = (tuple(Channel(node) for node in nodes) for nodes in (RESPONSE, REFERENCE))
     every = torch.ones(frf.shape[1:], dtype=torch.bool)
-    return Measurement(LINES, frf + noise, every, response, reference, kind="accelerance", unit="m/(N s²)")
+    return Measurement(lines, frf + noise, every, response, reference, kind="accelerance", unit="m/(N s²)")
 
 
 def of_frfs(values: dict[str, float] | None = None, **more: tuple[str, dict[str, float]]):
@@ -162,6 +166,43 @@ def test_two_tests_of_an_unchanged_plate_are_consistent():
     found = of_frfs()
     assert found.verdict == "consistent"
     assert not found.effects
+
+
+@pytest.mark.check
+def test_a_drift_of_all_records_is_taken_as_it_is_however_sharp_the_peaks():
+    """Five parts in ten thousand are half a width of these peaks: taken for linear, 24 times the noise is left."""
+    light = {"loss.stiffness_loss_factor": 1e-3, "wires.viscous_damping": 0.1}
+    warm = light | {"plate.youngs_modulus": TRUE["plate.youngs_modulus"] * (1 + 1e-3)}
+    box = {
+        "loss.stiffness_loss_factor": Searched(2e-4, 5e-2, True),
+        "wires.viscous_damping": Searched(0.01, 10.0, True),
+    }
+    lines = torch.arange(20.0, 110.0, 0.12, dtype=torch.float64)
+    told = Imperfections(position_std=1e-4, frequency_drift=1e-4, calibration_std=1e-3, damping_scatter=0.1)
+    before, after = (
+        PlateTest(
+            plate().replaced(searched=BOX | box),
+            measured(plate(TRUE | values, patch=PATCH), seed, lines),
+            imperfections=told,
+        )
+        for seed, values in ((1, light), (2, warm))
+    )
+    comparing, _ = comparing_of(before, after, (), 0, lambda _: None, SETTINGS, True)
+    none = comparing.none().fit
+    assert none.reduced_misfit < none.comparison.size_limit
+
+
+def test_what_all_records_drift_is_no_drift_of_theirs():
+    one = OfChannels(
+        torch.zeros(1, 2), torch.tensor([[0.5, 1.0], [0.0, 2.0], [0.3, 0.0]]), torch.ones(1, 2), torch.ones(3, 2),
+        ("x", "y"), ("x", "drift"), drift=2e-4,
+    )  # fmt: skip
+    apart = from_each_other(one)
+    # Of the third nothing was seen.
+    assert apart.reference[:, 1].tolist() == [-0.5, 0.5, 0.0]
+    assert torch.equal(apart.reference[:, 0], one.reference[:, 0])
+    # All of them, and what no fit sees too: 1e-4 is half a standard deviation.
+    assert with_drift(apart, 1e-4).reference[:, 1].tolist() == [0.0, 1.0, 0.5]
 
 
 def test_a_change_that_promises_least_is_refitted_where_it_ends_lowest():

@@ -13,6 +13,7 @@ from torchplate.discrepancy import Objective
 from torchplate.identification.basis_check import in_reduced_basis
 from torchplate.identification.evaluation import compared, off_in_basis, with_search
 from torchplate.identification.job import Job, Settings
+from torchplate.identification.polish import polished
 from torchplate.identification.result import Result
 from torchplate.identification.states import States
 from torchplate.search import DifferentialEvolution, LeastSquares, Optimizer, Outcome
@@ -71,6 +72,8 @@ def identify_states(
         nothing = states.model.known.new_zeros(1, 0)
         return _found(states, searched, nothing, None, optimizer, settings)
     outcome = run(Job(searched, optimizer, settings))
+    if settings.polish and not isinstance(optimizer, LeastSquares):
+        outcome = polished(searched, outcome, say)
     theta = states.model.space.to_si(outcome.best_position[outcome.best_objective.argsort()])
     return _found(states, searched, theta, outcome, optimizer, settings)
 

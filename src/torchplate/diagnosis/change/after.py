@@ -6,6 +6,7 @@ whose size is known, about the very model; so is what the modes' shapes leave op
 and what has a value of its own in each test.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
@@ -169,13 +170,13 @@ class After:
         names = one.frozen.names
         places = torch.stack([_place(one.frozen, start, self.reference.values) for start in starts or [{}]])
         ends = [self._sharply(one, place, channels) for place in places[: len(places) if names else 1]]
-        best = min(ends, key=lambda end: end.fit.cost)
+        best = self._drifting(one, min(ends, key=lambda end: end.fit.cost))
         if not names:
             return best.fit
         for _ in range(self.reference.settings.n_turn - 1):
             # In a basis of where it has come to.
             values = dict(zip(names, best.fit.theta.tolist(), strict=True))
-            again = self._sharply(self.hypothesis(changes, [values]), best.place, best.channels)
+            again = self._sharply(self.hypothesis(changes, [values]), best.place, best.channels, best.common)
             moved = float((again.place - best.place).abs().max())
             fallen = best.fit.cost - again.fit.cost
             best = again
@@ -183,7 +184,40 @@ class After:
                 break
         return best.fit
 
-    def _sharply(self, one: Hypothesis, place: Float[Tensor, " n"], channels: OfChannels | None = None) -> "End":
+    def _drifting(self, one: Hypothesis, here: "End") -> "End":
+        """The same with the drift that all records have in common put in as it is, where that is more probable.
+
+        Beside a light damping a drift of a third of a peak's half width is nothing linear: what the reference leaves
+        open does not reach there, and what it cannot explain looks like a change. It is found along a line, by
+        parabolas, with what is known of it beforehand.
+        """
+        if here.seen is None or not here.seen.drift or "drift" not in (*here.seen.of_response, *here.seen.of_reference):
+            return here
+        settings, little = self.reference.settings, self.builder.target.settings.fitting.little
+
+        def at(common: float) -> tuple[float, End]:
+            assert here.seen is not None
+            channels = with_drift(here.channels or here.seen.within(0.0), common - here.common)
+            end = self._judged(one, here.place, channels, common)
+            return end.fit.cost + (common / settings.drift_all) ** 2, end
+
+        best, step = (here.fit.cost + (here.common / settings.drift_all) ** 2, here), settings.drift_mode
+        for _ in range(settings.n_turn):
+            before, middle = best[0], best[1].common
+            sides = [at(middle - step), at(middle + step)]
+            bend = sides[0][0] + sides[1][0] - 2 * before
+            off = 0.5 * (sides[0][0] - sides[1][0]) / bend if bend > 0 else math.copysign(2, sides[0][0] - sides[1][0])
+            best = min(best, *sides, at(middle + step * max(-2.0, min(2.0, off))), key=lambda one: one[0])
+            if before - best[0] < little:
+                break
+            step = step if abs(off) > 1 else 0.5 * step
+        if best[1] is here:
+            return here
+        return self._sharply(one, best[1].place, best[1].channels, best[1].common)
+
+    def _sharply(
+        self, one: Hypothesis, place: Float[Tensor, " n"], channels: OfChannels | None = None, common: float = 0.0
+    ) -> "End":
         """Least squares beside channels as they are, then the channels anew beside what has changed, in turns.
 
         How the reference's uncertainty shows changes with what has changed, which no part of the way knows: a part may
@@ -191,20 +225,20 @@ class After:
         are not what it says of them is not to be compared, lower or not: what counts is where they have settled.
         """
         target, fitting = self.builder.target, self.builder.target.settings.fitting
-        here = self._judged(one, place, channels)
+        here = self._judged(one, place, channels, common)
         for _ in range(self.reference.settings.n_turn):
             before = here.fit.cost
             if len(place):
                 problem = Problem(self.builder, here.about.reduced, {}, here.marginal)
                 to, _, _ = problem.descend(here.place[None], target.levels - 1, fitting.n_iteration)
                 for part in fitting.parts:
-                    there = self._judged(one, torch.lerp(here.place, to[0], part), here.channels)
+                    there = self._judged(one, torch.lerp(here.place, to[0], part), here.channels, common)
                     if there.fit.cost < before:
                         here = there
                         break
             fallen = before - here.fit.cost
             for _ in range(self.reference.settings.n_turn):
-                settled = self._judged(one, here.place, here.seen)
+                settled = self._judged(one, here.place, here.seen, common)
                 moved = abs(settled.fit.cost - here.fit.cost)
                 here = settled
                 if moved < fitting.little:
@@ -213,8 +247,10 @@ class After:
                 break
         return here
 
-    def _judged(self, one: Hypothesis, place: Float[Tensor, " n"], channels: OfChannels | None) -> "End":
-        """A hypothesis at a place, about channels as they are taken to be."""
+    def _judged(
+        self, one: Hypothesis, place: Float[Tensor, " n"], channels: OfChannels | None, common: float = 0.0
+    ) -> "End":
+        """A hypothesis at a place, about channels as they are taken to be; `common` is a part of their drifts."""
         target = self.builder.target
         about = self.moved(one, channels)
         marginal = self.marginal(about, one.frozen.space.to_si(place))
@@ -222,8 +258,9 @@ class After:
         # The specimen is the reference's in any case: what it makes expected is what is predicted.
         found = found._replace(prediction=found.expected, gap=found.left)
         seen = marginal.channels(marginal.residual(target.off(found.expected, marginal.about)))
-        seen = None if seen is None else seen.within(target.settings.fitting.farthest)
-        return End(found, place, channels, seen, marginal, about)
+        if seen is not None:
+            seen = with_drift(from_each_other(seen.within(target.settings.fitting.farthest)), common)
+        return End(found, place, channels, seen, marginal, about, common)
 
 
 class End(NamedTuple):
@@ -236,6 +273,7 @@ class End(NamedTuple):
         seen: what the residuals there say of them.
         marginal: noise and nuisances, beside which it was judged.
         about: the hypothesis, sensors and hits off their marks.
+        common: drift of all records alike, about which it was judged [-].
     """
 
     fit: Fit
@@ -244,6 +282,38 @@ class End(NamedTuple):
     seen: OfChannels | None
     marginal: Marginal
     about: Hypothesis
+    common: float = 0.0
+
+
+def from_each_other(channels: OfChannels) -> OfChannels:
+    """The same, its drifts those of the records from each other.
+
+    What all records have in common is a drift of the plate, which `reference` knows the size of. Taken for the
+    channels' own it is neither's: each turn finds a little more of it, and the channels never come to rest.
+    """
+    found = {}
+    for side, names in (("response", channels.of_response), ("reference", channels.of_reference)):
+        if "drift" in names:
+            values, at = getattr(channels, side).clone(), names.index("drift")
+            # Of a channel that no fit sees nothing is known, and it is where it was.
+            seen = values[:, at] != 0
+            values[seen, at] -= values[seen, at].mean()
+            found[side] = values
+    return channels._replace(**found)
+
+
+def with_drift(channels: OfChannels, drift: float) -> OfChannels:
+    """The same with a drift more that all records have in common [-]."""
+    if not drift or not channels.drift:
+        return channels
+    side, names = ("reference", channels.of_reference)
+    if "drift" not in names:
+        side, names = ("response", channels.of_response)
+    if "drift" not in names:
+        return channels
+    values = getattr(channels, side).clone()
+    values[:, names.index("drift")] += drift / channels.drift
+    return channels._replace(**{side: values})
 
 
 def as_the_specimen(model: PlateModel, specimen: PlateModel) -> PlateModel:

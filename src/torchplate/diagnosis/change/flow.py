@@ -87,6 +87,29 @@ def what_changed(
     if after.measurement is None:
         return tables_changed(reference, after, own=own, say=say, settings=settings)
     began = time.monotonic()
+    comparing, noise = comparing_of(reference, after, own, seed, say, settings, as_given)
+    none = state = comparing.none()
+    while len(state.changes) < settings.most:
+        further = comparing.further(state)
+        if further is None or len(further.changes) == len(state.changes):
+            state = state if further is None else further
+            break
+        state = further
+        if is_explained(state.fit, comparing.after.builder.target):
+            break
+    return summarise(comparing, none, state, (reference, after), noise, time.monotonic() - began)
+
+
+def comparing_of(
+    reference: PlateTest,
+    after: PlateTest,
+    own: Collection[str],
+    seed: int,
+    say: Callable[[str], object],
+    settings: ChangeSettings,
+    as_given: bool,
+) -> tuple[Comparing, Noise]:
+    """What looks for changes beside a fitted reference, and the noise of the test after; see `what_changed`."""
     say(f"reference {reference.name}".rstrip())
     before, prior, _ = _begun(reference, seed, as_given)
     common = before.given.searched
@@ -107,16 +130,7 @@ def what_changed(
     alone = [name for name in model.names if name in own or name not in told.names]
     known = replace(told.drifted(), place=place_std(builder.target.imperfections, builder.target.mesh_left))
     comparing = Comparing(After(builder, model, known, tuple(alone)), after.model, list(numbers), say)
-    none = state = comparing.none()
-    while len(state.changes) < settings.most:
-        further = comparing.further(state)
-        if further is None or len(further.changes) == len(state.changes):
-            state = state if further is None else further
-            break
-        state = further
-        if is_explained(state.fit, builder.target):
-            break
-    return summarise(comparing, none, state, (reference, after), noise, time.monotonic() - began)
+    return comparing, noise
 
 
 def _told(mesh: tuple[int, int, float, float]) -> str:
