@@ -7,10 +7,13 @@ import torch
 
 from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import with_candidate
+from torchplate.diagnosis.problem import Problem
+from torchplate.diagnosis.selection import afar
 from torchplate.diagnosis.selection import ranking as module
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
 from torchplate.diagnosis.selection.screen import screen
 from torchplate.diagnosis.selection.shortlist import kept
+from torchplate.diagnosis.selection.starts import spread_out
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 
 
@@ -53,7 +56,7 @@ def test_the_best_are_followed_as_long_as_that_takes_them_further(lab, scene, mo
         assert torch.allclose(start[0], one.fit.model.space.to_cube(one.fit.theta))
         return replace(one, fit=lab.leaving(one.fit, left[one.name].pop(0) * scene.fit.square))
 
-    monkeypatch.setattr(scene.ranking, "_refit", refit)
+    monkeypatch.setattr(scene.ranking.refits, "refit", refit)
     found = scene.ranking._run_off(scene.state, [ended, other])
     # A half less: once more. No less: that was the end.
     assert sorted(asked) == ["point_mass"] * 2 + ["time_delay"] * 2
@@ -70,13 +73,13 @@ def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, m
             starts.append(start)
         return start, start[:, 0]
 
-    monkeypatch.setattr(module, "one_level", descend)
+    monkeypatch.setattr(afar, "one_level", descend)
     for young, on_edge in ((2.1e11, False), (2.29999e11, True)):
         scene = lab.Scene(young)
         base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
         every = screen(scene.builder, base, scene.fit.theta, [scene.candidate("sensor_gain")], {})
         starts.clear()
-        scene.ranking._down(scene.state, every)
+        scene.ranking.afar.down(scene.state, every)
         (tried,) = starts
         column = every[0].model.names.index("plate.youngs_modulus")
         assert (len(tried) > len(every[0].starts)) == on_edge
@@ -91,7 +94,7 @@ def test_the_residual_force_says_where_to_start_and_how_large(lab):
     base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
     names = ("point_mass", "ground_spring", "stiffness_loss", "density")
     scored = screen(scene.builder, base, scene.fit.theta, [scene.candidate(name) for name in names], {})
-    found = {one.candidate.name: one for one in scene.ranking._from_force(scene.state, base, scored)}
+    found = {one.candidate.name: one for one in scene.ranking.afar.from_force(scene.state, base, scored)}
     before = {one.candidate.name: one for one in scored}
     for name in ("stiffness_loss", "density"):
         assert found[name] is before[name]
@@ -137,8 +140,8 @@ def test_what_falls_behind_at_a_wide_level_goes_down_no_further_but_for_the_best
         asked.append((level, promise.candidate.name))
         return start, torch.full_like(start[:, 0], ended[promise.candidate.name][level])
 
-    monkeypatch.setattr(module, "one_level", descend)
-    kept = scene.ranking._down(scene.state, every)
+    monkeypatch.setattr(afar, "one_level", descend)
+    kept = scene.ranking.afar.down(scene.state, every)
     went = [{name for level, name in asked if level == wanted} for wanted in range(3)]
     # Six times the best is near enough; and of what is left two go on, however far off the second is.
     assert went == [set(names), {"sensor_gain", "point_mass", "density"}, {"sensor_gain", "point_mass"}]
@@ -177,10 +180,10 @@ def test_what_stays_far_above_the_best_beside_the_axis_is_not_refitted(scene, mo
 def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
     scene = lab.Scene(hidden={"wire": (700.0, 0.2)})
     spring = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
-    priced, supports = scene.ranking.as_supports(scene.state, spring)
+    priced, supports = scene.ranking.grounded.as_supports(scene.state, spring)
     assert "support_spring" in {one.name for one in supports}
     hopeless = replace(spring, fit=lab.leaving(spring.fit, 1e6))
-    assert scene.ranking.as_supports(scene.state, hopeless) == (hopeless, [])
+    assert scene.ranking.grounded.as_supports(scene.state, hopeless) == (hopeless, [])
     assert priced.label == spring.label
 
 
@@ -194,15 +197,15 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, 
     short = replace(right, fit=judged_at(scene.builder, right.fit, {}, right.fit.model.space.to_cube(theta)))
     assert short.cost > 1.5 * right.cost
     begun = []
-    refit = scene.ranking._refit
+    refit = scene.ranking.refits.refit
 
     def told(state, candidate, label, starts, *others, **more):
         found = refit(state, candidate, label, starts, *others, **more)
         begun.append((found, starts))
         return found
 
-    monkeypatch.setattr(scene.ranking, "_refit", told)
-    again, supports = scene.ranking.as_supports(scene.state, short)
+    monkeypatch.setattr(scene.ranking.refits, "refit", told)
+    again, supports = scene.ranking.grounded.as_supports(scene.state, short)
     support = begun[0][0]
     assert support.name == "support_spring"
     (start,) = next(starts for found, starts in begun if found.name == "ground_spring")
@@ -216,7 +219,7 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, 
     assert torch.allclose(again.fit.theta, right.fit.theta, rtol=0.02)
     assert supports
     # One that came to its end is left as it is.
-    same, _ = scene.ranking.as_supports(scene.state, right)
+    same, _ = scene.ranking.grounded.as_supports(scene.state, right)
     assert same.fit is right.fit
 
 
@@ -266,13 +269,13 @@ def test_what_sits_at_a_place_starts_from_the_sizes_and_strengths_that_fit_there
     base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
     near = scene.fit.marginal
     (promise,) = screen(scene.builder, base, scene.fit.theta, [scene.candidate("stiffness_loss")], {}, near=near)
-    starts = scene.ranking._spread_out(scene.state, base, promise)
+    starts = spread_out(scene.builder, {}, scene.state, base, promise)
     n_start = scene.ranking.settings.screening.n_start
     assert len(starts) == n_start + 1
     # Where the model is it begins too.
     assert torch.equal(starts[-1], promise.starts[-1])
     level = scene.builder.target.levels - 1
-    left = module.Problem(scene.builder, promise.model, {}, near).residual(starts[:-1], level).square().sum(-1)
+    left = Problem(scene.builder, promise.model, {}, near).residual(starts[:-1], level).square().sum(-1)
     assert bool((left.diff() >= 0).all())
     told = {tuple(row) for row in promise.starts.tolist()}
     assert sum(tuple(row) not in told for row in starts.tolist()) >= n_start // 2

@@ -62,7 +62,7 @@ class Exchange:
         choice = choose(every, naming.before)
         if choice.best.candidate.effect.to_ground:
             best = choice.best
-            priced, supports = self.ranking.as_supports(self._without(state, naming), best)
+            priced, supports = self.ranking.grounded.as_supports(self._without(state, naming), best)
             here = priced if best is here else here
             near += supports
             every = [*(priced if one is best else one for one in every), *supports]
@@ -111,7 +111,7 @@ class Exchange:
         alone = self._without(self._without(state, dashpot), spring)
         strength = [values[f"{pair[key].hypothesis.label}.{key}"] for key in STRENGTHS]
         supports = [
-            self.ranking.refitted(alone, candidate, alone.fit.theta)
+            self.ranking.refits.from_trials(alone, candidate, alone.fit.theta)
             for candidate in supports_at(alone.model, alone.fit.theta, *places[0], *strength)
         ]
         best = min(supports, key=lambda one: one.cost)

@@ -2,25 +2,25 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 
 import torch
 from torch import Tensor
-from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements, rearrangements
-from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at, tighter_at
 from torchplate.diagnosis.candidates.trials import spread_at
-from torchplate.diagnosis.fit import NOBODY, Beat, Begun, begin, fit
-from torchplate.diagnosis.localisation.localise import missing_force
+from torchplate.diagnosis.fit import NOBODY, Beat, Begun, begin
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
-from torchplate.diagnosis.problem import Prior, Problem, one_level, widely
+from torchplate.diagnosis.problem import Prior
+from torchplate.diagnosis.selection.afar import FromAfar
 from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_noise, known_section, weight_of
+from torchplate.diagnosis.selection.grounded import Grounded
 from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
+from torchplate.diagnosis.selection.refit import Refits
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
-from torchplate.diagnosis.selection.shortlist import acts_like, best_of_each, contained, kept, promising
+from torchplate.diagnosis.selection.shortlist import best_of_each, contained, kept, promising
+from torchplate.diagnosis.selection.starts import nearest, spread_out
 from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import UNIFORM, Found
@@ -40,7 +40,8 @@ class Ranking:
     def __init__(self, builder: ModelBuilder, prior: Prior, channels: Channels, say: Callable[[str], None]) -> None:
         self.builder, self.prior, self.channels, self.say = builder, prior, channels, say
         self.settings = builder.target.settings
-        self._n_option: dict[str, int] = {}
+        self.refits, self.afar = Refits(builder, prior, say), FromAfar(builder, prior)
+        self.grounded = Grounded(builder, self.refits)
         self._far: set[str] = set()
 
     def at(self, state: State) -> Ranked:
@@ -51,8 +52,9 @@ class Ranking:
         rearranged = self._rearranged(state)
         everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys())
         self.say(f"scoring {len(everyone)} candidates")
-        self._n_option = {one.name: sum(other.name == one.name for other in everyone) for one in everyone}
-        self._n_option |= {"channel_swap": rearranged.n_swap, "channel_polarity": rearranged.n_polarity}
+        n_option = {one.name: sum(other.name == one.name for other in everyone) for one in everyone}
+        n_option |= {"channel_swap": rearranged.n_swap, "channel_polarity": rearranged.n_polarity}
+        self.refits.n_option = n_option
         self._far = set()
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
@@ -68,9 +70,10 @@ class Ranking:
             chosen = [(one, one.starts) for one in near]
             if not is_noise(state.fit):
                 # What sits at a place begins beside the specimen as it is there, which may have taken on some of it.
-                placed = [(one, self._spread_out(state, base, one)) for one in near if one.candidate.has_place]
+                placed = [one for one in near if one.candidate.has_place]
+                begun = [(one, spread_out(builder, self.prior, state, base, one)) for one in placed]
                 chosen = [one for one in chosen if not one[0].candidate.has_place]
-                hypotheses = self._refitted(state, placed, about=state.fit.about)
+                hypotheses = self._refitted(state, begun, about=state.fit.about)
         if misfit > screening.nearly_right:
             if promises and promises[0].drop > 1 - selecting.explains_much:
                 hypotheses, chosen = hypotheses + self._refitted(state, chosen, hypotheses), []
@@ -90,7 +93,7 @@ class Ranking:
         for found in ends:
             far = found.fit.square > limit or (limit < math.inf and found.fit.cost > beat.cost)
             grounded = found.candidate.effect.to_ground and not far
-            priced, supports = self.as_supports(state, found, limit, beat) if grounded else (found, [])
+            priced, supports = self.grounded.as_supports(state, found, limit, beat) if grounded else (found, [])
             # A support stays where it is: it is named where little else is missing, and it is there.
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= selecting.little)]
         return Ranked(tuple(promises), tuple(best_of_each(ended)), by_chance, frozenset(self._far))
@@ -127,11 +130,12 @@ class Ranking:
     ) -> tuple[list[Scored], list[tuple[Scored, Tensor]]]:
         """All candidates scored where peaks need not overlap, and where the best end on the way down."""
         scored = screen(self.builder, base, state.fit.theta, everyone, self.prior)
-        scored = [self._from_afar(state, one) for one in scored]
-        scored = sorted(self._from_force(state, base, scored), key=lambda one: -one.drop)
+        scored = self.afar.begun(state, base, scored)
         ways = promising(scored, self.settings.screening.n_wide, self.settings.screening)
         ways += [one for one in scored if one.candidate.replaces and all(one is not way for way in ways)]
-        return scored, self._down(state, ways)
+        down = self.afar.down(state, ways)
+        self._far |= {one.candidate.name for one in ways} - {one.candidate.name for one, _ in down}
+        return scored, down
 
     def _refitted(
         self,
@@ -155,7 +159,7 @@ class Ranking:
             least = min((other.fit.square for other in (*before, *found)), default=math.inf)
             limit = self.settings.searching.hopeless * least
             beat = self._beat(state, [*before, *found])
-            found.append(self._refit(state, one.candidate, one.label, starts, limit, about, begun, beat))
+            found.append(self.refits.refit(state, one.candidate, one.label, starts, limit, about, begun, beat))
         return found
 
     def _beat(self, state: State, found: Sequence[Hypothesis]) -> Beat:
@@ -236,35 +240,10 @@ class Ranking:
             members = [
                 start_of(whole, theta, state.model, own, label) for own in spread_at(one, *place, settings.n_spread)
             ]
-            starts = self._nearest(whole, torch.stack(members), about)
+            starts = nearest(self.builder, self.prior, whole, torch.stack(members), about)
             limit = settings.hopeless * min(other.fit.square for other in found)
-            found.append(self._refit(state, one, label, starts, limit, about, beat=self._beat(state, found)))
+            found.append(self.refits.refit(state, one, label, starts, limit, about, beat=self._beat(state, found)))
         return found[1:]
-
-    def _spread_out(self, state: State, base: PlateModel, promise: Scored) -> Tensor:
-        """Starts of a refit: for what sits at a place, of all sizes and strengths at the places that promise most.
-
-        How large it is there a step that is linear does not say.
-        """
-        candidate, theta = promise.candidate, state.fit.theta
-        whole = with_candidate(base, promise.label, candidate)
-        members = [promise.starts]
-        for start in promise.starts[: self.settings.selecting.n_best]:
-            values = whole.as_dict(whole.space.to_si(start))
-            place = values[f"{promise.label}.x"], values[f"{promise.label}.y"]
-            some = spread_at(candidate, *place, self.settings.searching.n_spread)
-            members.append(torch.stack([start_of(whole, theta, base, own, promise.label) for own in some]))
-        every, level = torch.cat(members), self.builder.target.levels - 1
-        left = Problem(self.builder, whole, self.prior, state.fit.marginal).residual(every, level).square().sum(-1)
-        # The last promised is where the model is: with an effect more it cannot end farther off than without.
-        return torch.cat([every[left.argsort()[: self.settings.screening.n_start]], promise.starts[-1:]])
-
-    def _nearest(self, model: PlateModel, members: Tensor, about: Found | None) -> Tensor:
-        """Of many members those that are nearest where spectra are smoothed a little."""
-        target, theta = self.builder.target, model.space.to_si(members[:1])
-        reduced = target.specimen(self.builder.reduced(model, theta), theta[0], about)
-        left = Problem(self.builder, reduced, self.prior).residual(members, target.levels - 2).square().sum(-1)
-        return members[left.argsort()[: self.settings.screening.n_start]]
 
     def _again(self, state: State) -> list[Hypothesis]:
         """What came near in the ranking before, beside what was named there, from where it ended."""
@@ -283,7 +262,7 @@ class Ranking:
             label = new_label(state.model, one.name)
             whole = with_candidate(state.model, label, one.candidate)
             start = start_of(whole, state.fit.theta, state.model, own, label)
-            found.append(self._refit(state, one.candidate, label, start[None]))
+            found.append(self.refits.refit(state, one.candidate, label, start[None]))
         return found
 
     def _run_off(self, state: State, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -303,176 +282,11 @@ class Ranking:
                 break
             ends = [(one, one.fit.model.space.to_cube(one.fit.theta)[None]) for one in close]
             again = [
-                self._refit(state, one.candidate, one.label, end, about=known_section(one.fit)) for one, end in ends
+                self.refits.refit(state, one.candidate, one.label, end, about=known_section(one.fit))
+                for one, end in ends
             ]
             better = [min(pair, key=lambda one: one.cost) for pair in zip(close, again, strict=True)]
             found = sorted([*better, *found[len(close) :]], key=lambda one: one.cost)
             if least - found[0].cost < within:
                 break
         return found
-
-    def _from_afar(self, state: State, promise: Scored) -> Scored:
-        """Starts spread over the box and the prior together, for an effect that may make another plate of it.
-
-        These are clamps that yield, since what was fitted with a rigid one has taken on what they give; and, where the
-        model is doubted, whatever of the whole plate may change by a large factor.
-        """
-        settings = self.settings.searching
-        wide = [one for one in promise.candidate.searched.values() if one.logarithmic and one.low > 0]
-        whole_plate = promise.candidate.effect.acts_on == {"section"} and not promise.candidate.has_place
-        large = whole_plate and any(one.high / one.low > settings.wide_prior for one in wide)
-        if not promise.candidate.replaces and (self.builder.target.trusts_the_noise or not large):
-            return promise
-        whole = with_candidate(state.fit.model, promise.label, promise.candidate)
-        n = len(whole.names)
-        spread = SobolEngine(n).draw(2 * settings.n_spread, dtype=torch.float64).to(promise.starts)
-        members = torch.cat([promise.starts, spread])
-        some = torch.cat([promise.starts[:1], members[-settings.n_plates :]])
-        problem = Problem(self.builder, self.builder.reduced(whole, whole.space.to_si(some)), self.prior)
-        value = problem.residual(members, 0).square().sum(-1)
-        starts, left = widely(problem, members[value.argsort()[: settings.n_far]], settings.n_kept)
-        given = Problem(self.builder, state.fit.reduced, self.prior)
-        position = given.model.space.to_cube(state.fit.theta)
-        before = 0.5 * float(given.residual(position, self.builder.target.levels - 2).square().sum())
-        return promise._replace(model=problem.model, starts=starts, drop=max(promise.drop, 1 - float(left[0]) / before))
-
-    def _from_force(self, state: State, base: PlateModel, scored: Sequence[Scored]) -> list[Scored]:
-        """A start more for what acts at a point, where the residual force says that it is, and as large."""
-        target, fit = self.builder.target, state.fit
-        if not fit.by_noise:
-            return list(scored)
-        force = missing_force(target.measurement, target.variance.sqrt(), fit.expected, fit.reduced, fit.theta)
-        found = []
-        faint = self.settings.screening.faint
-        for one in scored:
-            (key, kind), searched = acts_like(one.candidate), one.candidate.searched
-            if force is not None and kind and force.parts[kind] >= faint and force.size[kind] > 0:
-                interval = searched[key]
-                size = min(max(force.size[kind], interval.low), interval.high)
-                values = {"x": force.place[0], "y": force.place[1], key: size}
-                start = start_of(one.model, fit.theta, base, values, one.label)
-                drop = max(one.drop, force.parts[kind])
-                one = one._replace(starts=torch.cat([start[None], one.starts]), drop=drop)
-            found.append(one)
-        return found
-
-    def _down(self, state: State, promises: Sequence[Scored]) -> list[tuple[Scored, Tensor]]:
-        """Candidates taken down the wide levels; those that stay near the best, with where they end."""
-        given = state.fit.model
-        edge = given.space.at_bound(state.fit.theta).tolist()
-        stuck = [name for name, on in zip(given.names, edge, strict=True) if on]
-        ways: list[tuple[float, Scored, Tensor]] = []
-        for promise in promises:
-            starts = promise.starts
-            if stuck:
-                # On the edge of its interval it stands in for what is missing: the better starts also from the middle.
-                free = starts[: (len(starts) + 1) // 2].clone()
-                free[:, [promise.model.names.index(name) for name in stuck]] = 0.5
-                starts = torch.cat([starts, free])
-            ways.append((0.0, promise, starts))
-        screening, n_best = self.settings.screening, self.settings.selecting.n_best
-        for level in range(self.builder.target.levels - 1):
-            ends = []
-            for _, promise, starts in ways:
-                starts, value = one_level(Problem(self.builder, promise.model, self.prior), starts, level, keep=n_best)
-                ends.append((float(value[0]), promise, starts))
-            ends.sort(key=lambda one: one[0])
-            ways = [one for rank, one in enumerate(ends) if rank < n_best or one[0] <= screening.near * ends[0][0]]
-        ended = ways[: screening.n_sharp]
-        simpler = {name for _, promise, _ in ended for name in promise.candidate.effect.contains}
-        ended += [one for one in ways[screening.n_sharp :] if one[1].candidate.name in simpler]
-        self._far |= {one.candidate.name for one in promises} - {one.candidate.name for _, one, _ in ended}
-        return [(promise, starts[:n_best]) for _, promise, starts in ended]
-
-    def as_supports(
-        self,
-        state: State,
-        found: Hypothesis,
-        hopeless: float = math.inf,
-        beat: Beat = NOBODY,
-        taken_up: bool = False,
-    ) -> tuple[Hypothesis, list[Hypothesis]]:
-        """What is grounded at a place, with the penalty of ending at a support; and the supports that it may be.
-
-        Where no support is, that is a further one, spring and dashpot at once; else the one that is there, tighter.
-
-        Args:
-            state: without it.
-            found: with it.
-            hopeless: sum of squares beyond which no fit is followed to its end.
-            beat: what the supports have to come near for that.
-            taken_up: whether it was fitted from where a support led already.
-        """
-        if found.fit.reduced_misfit > self.settings.selecting.grounded:
-            return found, []
-        values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
-        at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", *STRENGTHS)}
-        theta = torch.tensor([values[name] for name in state.model.names]).to(state.fit.theta)
-        tighter = tighter_at(state.model, theta, at["x"], at["y"], at["stiffness"])
-        if tighter is not None:
-            found = replace(found, coincidence=tighter.coincidence)
-        wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
-        supports = [self._priced(self.refitted(state, one, theta, hopeless, beat), found) for one in wanted]
-        best = min(supports, key=lambda one: one.fit.square)
-        nearer = (1 - self.settings.selecting.stopped_short) * found.fit.square
-        stopped_short = best.fit.square < nearer and not is_noise(found.fit)
-        if tighter is None and stopped_short and not taken_up:
-            again = self._from_support(state, found, best, hopeless)
-            if again.fit.square < nearer:
-                return self.as_supports(state, again, hopeless, beat, taken_up=True)
-        return found, supports
-
-    def _priced(self, support: Hypothesis, found: Hypothesis) -> Hypothesis:
-        """A support at a place that a spring or dashpot has found, with what the choice of the place costs.
-
-        A labelled node is one of many; any other place is known as well as the fit that found it says.
-        """
-        mesh = self.builder.mesh
-        if "nodes" in support.candidate.options and support.name == "support_spring":
-            return replace(support, n_option=mesh.n_label)
-        if "at" not in support.candidate.options or support.name != "support_spring":
-            return support
-        index = [found.fit.model.names.index(f"{found.label}.{axis}") for axis in ("x", "y")]
-        spread = found.fit.covariance[index][:, index].det().clamp(min=1e-300)
-        part = 2 * math.pi * float(spread.nan_to_num(1.0)) ** 0.5
-        return replace(support, coincidence=max(0.0, -2 * math.log(min(1.0, part))))
-
-    def _from_support(self, state: State, found: Hypothesis, support: Hypothesis, hopeless: float) -> Hypothesis:
-        """What is grounded at a place, fitted from where a support at that place took the rest of the model."""
-        whole = found.fit.model
-        values = dict(zip(whole.names, found.fit.theta.tolist(), strict=True))
-        for name, value in zip(support.fit.model.names, support.fit.theta.tolist(), strict=True):
-            own = name.replace(f"{support.label}.", f"{found.label}.", 1)
-            if own in values:
-                values[own] = value
-        start = torch.tensor([list(values.values())]).to(found.fit.theta)
-        return self._refit(state, found.candidate, found.label, whole.space.to_cube(start), hopeless)
-
-    def refitted(
-        self, state: State, candidate: Candidate, theta: Tensor, hopeless: float = math.inf, beat: Beat = NOBODY
-    ) -> Hypothesis:
-        """A candidate in a state's model with these parameters, fitted from its trials."""
-        model = state.model
-        label = new_label(model, candidate.name)
-        whole = with_candidate(model, label, candidate)
-        starts = [start_of(whole, theta, model, trial.values, label) for trial in candidate.far]
-        return self._refit(state, candidate, label, torch.stack(starts), hopeless, beat=beat)
-
-    def _refit(
-        self,
-        state: State,
-        candidate: Candidate,
-        label: str,
-        starts: Tensor,
-        hopeless: float = math.inf,
-        about: Found | None = None,
-        begun: Begun | None = None,
-        beat: Beat = NOBODY,
-    ) -> Hypothesis:
-        whole = with_candidate(state.model, label, candidate)
-        about = about or known_section(state.fit)
-        # From where nothing is known of the specimen, the first parts of a way say little of its end.
-        beat = NOBODY if about is None else beat
-        found = fit(self.builder, whole, starts, self.prior, False, hopeless, about, begun, beat)
-        self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}, −2 ln L {found.cost:.1f}")
-        return Hypothesis(candidate, label, found, n_option=self._n_option.get(candidate.name, 1))

@@ -1,0 +1,90 @@
+"""What is grounded at a place, and the supports that it may be."""
+
+import math
+from dataclasses import replace
+
+import torch
+
+from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at, tighter_at
+from torchplate.diagnosis.fit import NOBODY, Beat
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
+from torchplate.diagnosis.selection.refit import Refits
+from torchplate.diagnosis.selection.trace import State
+
+
+class Grounded:
+    """Asks of what is grounded whether it is a support.
+
+    Args:
+        builder: builds and evaluates the models.
+        refits: refits candidates.
+    """
+
+    def __init__(self, builder: ModelBuilder, refits: Refits) -> None:
+        self.builder, self.refits = builder, refits
+        self.settings = builder.target.settings.selecting
+
+    def as_supports(
+        self,
+        state: State,
+        found: Hypothesis,
+        hopeless: float = math.inf,
+        beat: Beat = NOBODY,
+        taken_up: bool = False,
+    ) -> tuple[Hypothesis, list[Hypothesis]]:
+        """What is grounded at a place, with the penalty of ending at a support; and the supports that it may be.
+
+        Where no support is, that is a further one, spring and dashpot at once; else the one that is there, tighter.
+
+        Args:
+            state: without it.
+            found: with it.
+            hopeless: sum of squares beyond which no fit is followed to its end.
+            beat: what the supports have to come near for that.
+            taken_up: whether it was fitted from where a support led already.
+        """
+        if found.fit.reduced_misfit > self.settings.grounded:
+            return found, []
+        values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
+        at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", *STRENGTHS)}
+        theta = torch.tensor([values[name] for name in state.model.names]).to(state.fit.theta)
+        tighter = tighter_at(state.model, theta, at["x"], at["y"], at["stiffness"])
+        if tighter is not None:
+            found = replace(found, coincidence=tighter.coincidence)
+        wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
+        supports = [self._priced(self.refits.from_trials(state, one, theta, hopeless, beat), found) for one in wanted]
+        best = min(supports, key=lambda one: one.fit.square)
+        nearer = (1 - self.settings.stopped_short) * found.fit.square
+        stopped_short = best.fit.square < nearer and not is_noise(found.fit)
+        if tighter is None and stopped_short and not taken_up:
+            again = self._from_support(state, found, best, hopeless)
+            if again.fit.square < nearer:
+                return self.as_supports(state, again, hopeless, beat, taken_up=True)
+        return found, supports
+
+    def _priced(self, support: Hypothesis, found: Hypothesis) -> Hypothesis:
+        """A support at a place that a spring or dashpot has found, with what the choice of the place costs.
+
+        A labelled node is one of many; any other place is known as well as the fit that found it says.
+        """
+        mesh = self.builder.mesh
+        if "nodes" in support.candidate.options and support.name == "support_spring":
+            return replace(support, n_option=mesh.n_label)
+        if "at" not in support.candidate.options or support.name != "support_spring":
+            return support
+        index = [found.fit.model.names.index(f"{found.label}.{axis}") for axis in ("x", "y")]
+        spread = found.fit.covariance[index][:, index].det().clamp(min=1e-300)
+        part = 2 * math.pi * float(spread.nan_to_num(1.0)) ** 0.5
+        return replace(support, coincidence=max(0.0, -2 * math.log(min(1.0, part))))
+
+    def _from_support(self, state: State, found: Hypothesis, support: Hypothesis, hopeless: float) -> Hypothesis:
+        """What is grounded at a place, fitted from where a support at that place took the rest of the model."""
+        whole = found.fit.model
+        values = dict(zip(whole.names, found.fit.theta.tolist(), strict=True))
+        for name, value in zip(support.fit.model.names, support.fit.theta.tolist(), strict=True):
+            own = name.replace(f"{support.label}.", f"{found.label}.", 1)
+            if own in values:
+                values[own] = value
+        start = torch.tensor([list(values.values())]).to(found.fit.theta)
+        return self.refits.refit(state, found.candidate, found.label, whole.space.to_cube(start), hopeless)

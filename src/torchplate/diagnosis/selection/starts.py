@@ -1,0 +1,59 @@
+"""Where the refit of what sits at a place begins: of all sizes and strengths there, those that fit best."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from torchplate.diagnosis.candidates.trials import spread_at
+from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
+from torchplate.diagnosis.problem import Prior, Problem
+from torchplate.diagnosis.selection.screen import Scored, start_of
+from torchplate.diagnosis.selection.trace import State
+from torchplate.discrepancy import Found
+from torchplate.model import PlateModel
+
+
+def spread_out(
+    builder: ModelBuilder, prior: Prior, state: State, base: PlateModel, promise: Scored
+) -> Float[Tensor, "n_start n"]:
+    """Members at the places that promise most, the nearest beside noise and nuisances first.
+
+    How large it is there a step that is linear does not say.
+
+    Args:
+        builder: evaluates them.
+        prior: what is known of the given model's parameters beforehand.
+        state: without it.
+        base: the same in a basis.
+        promise: of the score test where peaks overlap.
+    """
+    candidate, theta = promise.candidate, state.fit.theta
+    whole = with_candidate(base, promise.label, candidate)
+    members = [promise.starts]
+    for start in promise.starts[: builder.target.settings.selecting.n_best]:
+        values = whole.as_dict(whole.space.to_si(start))
+        place = values[f"{promise.label}.x"], values[f"{promise.label}.y"]
+        some = spread_at(candidate, *place, builder.target.settings.searching.n_spread)
+        members.append(torch.stack([start_of(whole, theta, base, own, promise.label) for own in some]))
+    every, level = torch.cat(members), builder.target.levels - 1
+    left = Problem(builder, whole, prior, state.fit.marginal).residual(every, level).square().sum(-1)
+    # The last promised is where the model is: with an effect more it cannot end farther off than without.
+    return torch.cat([every[left.argsort()[: builder.target.settings.screening.n_start]], promise.starts[-1:]])
+
+
+def nearest(
+    builder: ModelBuilder, prior: Prior, model: PlateModel, members: Float[Tensor, "n_member n"], about: Found | None
+) -> Float[Tensor, "n_start n"]:
+    """Of many members those that are nearest where spectra are smoothed a little.
+
+    Args:
+        builder: evaluates them.
+        prior: what is known of the given model's parameters beforehand.
+        model: of which these are members, in all dofs.
+        members: on the unit cube.
+        about: the specimen that they stand for.
+    """
+    target, theta = builder.target, model.space.to_si(members[:1])
+    reduced = target.specimen(builder.reduced(model, theta), theta[0], about)
+    left = Problem(builder, reduced, prior).residual(members, target.levels - 2).square().sum(-1)
+    return members[left.argsort()[: builder.target.settings.screening.n_start]]
