@@ -128,6 +128,17 @@ def test_what_scatter_leaves_of_a_right_model_is_seldom_called_unexplained():
     assert sum(seen) >= 38
 
 
+def test_what_has_as_many_free_numbers_as_a_table_is_no_hypothesis_of_it():
+    """Seven numbers of a rib and a modulus fit any six frequencies, whatever is missing."""
+    drawn = table(6, hide("orthotropy", young_ratio=0.8, shear_factor=1.2), scatter=1e-3)
+    plates = Plates.corrected(plate(YOUNG), TableEvidence.of(drawn, SETTINGS), SETTINGS)
+    comparing = Comparing(plates, {}, QUICK, lambda _: None)
+    found = comparing.singles(*comparing.baseline())
+    tried = {name for one in found.weighed for name in one.names}
+    assert {"orthotropy", "point_mass", "poisson_ratio"} <= tried
+    assert not tried & {"rib", "absorber"}
+
+
 @pytest.mark.check
 def test_a_pair_is_found_where_no_single_effect_does():
     hidden = (hide("point_mass", x=0.23, y=0.31, mass=0.2), hide("aspect_ratio", ratio=1.03))

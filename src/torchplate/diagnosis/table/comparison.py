@@ -158,12 +158,13 @@ class Comparing:
         seen = [one for one in every if one.seen(self.settings)]
         blind = {one.name for one in every} - {one.name for one in seen}
         self.say(f"{self.plates.kind} mesh: {len(seen)} effects and options")
-        weighed = self._best_rebuilt([self.refitted(single(fitted, one, self.settings)) for one in seen])
+        alone = [single(fitted, one, self.settings) for one in seen]
+        weighed = self._best_rebuilt([self.refitted(one) for one in alone if self._may_fail(one)])
         return Comparison(self.plates, baseline, fitted, tuple(seen), tuple(sorted(blind)), tuple(weighed), 0)
 
     def with_pairs(self, found: Comparison) -> Comparison:
         """The pairs that promise most beside what was weighed."""
-        every = pairs(found.fitted, found.seen, self.settings)
+        every = [one for one in pairs(found.fitted, found.seen, self.settings) if self._may_fail(one)]
         evidence, level = self.plates.evidence, self.settings.level
         does = any(
             one.best.chi_square <= evidence.limit(one.best.n_effective, level)
@@ -176,6 +177,12 @@ class Comparing:
         return Comparison(
             found.plates, found.baseline, found.fitted, found.seen, found.unseen, (*found.weighed, *weighed), left
         )
+
+    def _may_fail(self, one: Hypothesis) -> bool:
+        """Whether a table can speak against a hypothesis: what has as many free numbers as it has fits any table."""
+        told = self.prior.keys()
+        n_free = sum(name not in told for name in self.plates.model.names)
+        return n_free + sum(len(part.candidate.searched) for part in one.parts) < self.plates.evidence.n
 
     def _best_rebuilt(self, found: Sequence[Weighed]) -> list[Weighed]:
         """The best few ended in modes of their own."""
