@@ -283,3 +283,22 @@ def test_what_sits_at_a_place_starts_from_the_sizes_and_strengths_that_fit_there
     places = {tuple(row) for row in promise.starts[: scene.ranking.settings.selecting.n_best, columns].tolist()}
     fresh = [row for row in starts if tuple(row.tolist()) not in told]
     assert {tuple(row[columns].tolist()) for row in fresh} <= places
+
+
+@torch.no_grad()
+def test_what_may_make_another_plate_is_spread_over_its_prior_where_no_peaks_overlap(lab):
+    """A wooden plate taken for an isotropic one: no step from the fitted modulus promises anything."""
+    scene = lab.Scene(hidden={"ratio": 0.1})
+    assert scene.builder.target.trusts_the_noise
+    assert scene.fit.left > 0.5
+    base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    every = [scene.candidate(name) for name in ("orthotropy", "point_mass")]
+    scored = {one.candidate.name: one for one in screen(scene.builder, base, scene.fit.theta, every, {})}
+    spread = scene.ranking.afar.spread(scene.state, scored["orthotropy"])
+    assert 1 - spread.drop < 0.25 * (1 - scored["orthotropy"].drop)
+    best = dict(zip(spread.model.names, spread.model.space.to_si(spread.starts[0]).tolist(), strict=True))
+    assert best["orthotropy_1.young_ratio"] == pytest.approx(0.1, rel=0.3)
+    # What sits at a place does not, and nothing where peaks overlap.
+    assert scene.ranking.afar.spread(scene.state, scored["point_mass"]) is scored["point_mass"]
+    near = replace(scene.state, fit=scene.fit._replace(left=0.3))
+    assert scene.ranking.afar.spread(near, scored["orthotropy"]) is scored["orthotropy"]

@@ -36,13 +36,14 @@ class FromAfar:
         """Starts spread over the box and the prior together, for an effect that may make another plate of it.
 
         These are clamps that yield, since what was fitted with a rigid one has taken on what they give; and, where the
-        model is doubted, whatever of the whole plate may change by a large factor.
+        model is doubted or no peaks overlap, whatever of the whole plate may change by a large factor.
         """
         settings = self.settings.searching
         wide = [one for one in promise.candidate.searched.values() if one.logarithmic and one.low > 0]
         whole_plate = promise.candidate.effect.acts_on == {"section"} and not promise.candidate.has_place
         large = whole_plate and any(one.high / one.low > settings.wide_prior for one in wide)
-        if not promise.candidate.replaces and (self.builder.target.trusts_the_noise or not large):
+        near = self.builder.target.trusts_the_noise and state.fit.left < self.settings.screening.overlapping
+        if not promise.candidate.replaces and (near or not large):
             return promise
         whole = with_candidate(state.fit.model, promise.label, promise.candidate)
         n = len(whole.names)
