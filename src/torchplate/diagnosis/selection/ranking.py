@@ -61,7 +61,10 @@ class Ranking:
         hypotheses: list[Hypothesis] = []
         by_chance = 0.0
         screening, selecting = self.settings.screening, self.settings.selecting
-        if state.fit.left < screening.overlapping or misfit <= screening.nearly_right:
+        is_near = state.fit.left < screening.overlapping
+        # Beside an error of the model that was inflated until it explains what is left, every model is nearly right.
+        nearly_right = misfit <= screening.nearly_right and (state.fit.by_noise or is_near)
+        if is_near or nearly_right:
             promises, by_chance = self._nearby(state, base, everyone)
             # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
             best = promises[0].drop * state.fit.square if promises else 0.0
@@ -74,7 +77,7 @@ class Ranking:
                 begun = [(one, spread_out(builder, self.prior, state, base, one)) for one in placed]
                 chosen = [one for one in chosen if not one[0].candidate.has_place]
                 hypotheses = self._refitted(state, begun, about=state.fit.about)
-        if misfit > screening.nearly_right:
+        if not nearly_right:
             if promises and promises[0].drop > 1 - selecting.explains_much:
                 hypotheses, chosen = hypotheses + self._refitted(state, chosen, hypotheses), []
             if not kept(promises, hypotheses, state, screening):
