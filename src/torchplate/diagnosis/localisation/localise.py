@@ -40,7 +40,11 @@ def localise(
     channels = channel_gaps(measurement, noise_std, predicted, predicted if after is None else after, heldout)
     if misfit.excess <= (SETTINGS.localising.beyond_noise - 1) * misfit.noise:
         return Location(
-            (), channels, {}, None, ("What the model leaves is what the noise makes: no place stands out.",)
+            (),
+            channels,
+            {},
+            None,
+            ("No band, channel or place stands out of what the model leaves, beside what it was judged by.",),
         )
     bands = misfit.bands(measurement.frequency)
     chain = common_factor(misfit, measurement.frequency)
