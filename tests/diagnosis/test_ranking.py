@@ -10,8 +10,8 @@ from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.diagnosis.problem import Problem
 from torchplate.diagnosis.selection import afar
 from torchplate.diagnosis.selection import ranking as module
-from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
-from torchplate.diagnosis.selection.screen import screen
+from torchplate.diagnosis.selection.criterion import Choice, Hypothesis, is_noise
+from torchplate.diagnosis.selection.screen import screen, start_of
 from torchplate.diagnosis.selection.shortlist import kept
 from torchplate.diagnosis.selection.starts import spread_out
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
@@ -270,15 +270,16 @@ def test_what_sits_at_a_place_starts_from_the_sizes_and_strengths_that_fit_there
     near = scene.fit.marginal
     (promise,) = screen(scene.builder, base, scene.fit.theta, [scene.candidate("stiffness_loss")], {}, near=near)
     starts = spread_out(scene.builder, {}, scene.state, base, promise)
-    n_start = scene.ranking.settings.screening.n_start
-    assert len(starts) == n_start + 1
-    # Where the model is it begins too.
+    half = scene.ranking.settings.screening.n_start // 2
+    assert len(starts) == 2 * half + 1
+    # As they were promised, too, and where the model is.
+    assert torch.equal(starts[half:-1], promise.starts[:half])
     assert torch.equal(starts[-1], promise.starts[-1])
     level = scene.builder.target.levels - 1
-    left = Problem(scene.builder, promise.model, {}, near).residual(starts[:-1], level).square().sum(-1)
+    left = Problem(scene.builder, promise.model, {}, near).residual(starts[:half], level).square().sum(-1)
     assert bool((left.diff() >= 0).all())
     told = {tuple(row) for row in promise.starts.tolist()}
-    assert sum(tuple(row) not in told for row in starts.tolist()) >= n_start // 2
+    assert sum(tuple(row) not in told for row in starts.tolist()) >= half // 2
     columns = [promise.model.names.index(f"{promise.label}.{axis}") for axis in ("x", "y")]
     places = {tuple(row) for row in promise.starts[: scene.ranking.settings.selecting.n_best, columns].tolist()}
     fresh = [row for row in starts if tuple(row.tolist()) not in told]
@@ -302,3 +303,20 @@ def test_what_may_make_another_plate_is_spread_over_its_prior_where_no_peaks_ove
     assert scene.ranking.afar.spread(scene.state, scored["point_mass"]) is scored["point_mass"]
     near = replace(scene.state, fit=scene.fit._replace(left=0.3))
     assert scene.ranking.afar.spread(near, scored["orthotropy"]) is scored["orthotropy"]
+
+
+@torch.no_grad()
+def test_what_is_simpler_is_tried_where_a_larger_effect_leaves_noise(lab):
+    scene = lab.Scene(hidden={"mass": 0.05})
+    lost = scene.hypothesis("point_mass", start=torch.tensor([0.5, 0.6, 0.9, 0.9, 0.01]))
+    values = {"x": lab.spot[0], "y": lab.spot[1], "mass": 0.05, "stiffness": 1e9, "viscous_damping": 1.0}
+    candidate = scene.candidate("absorber")
+    whole = with_candidate(scene.state.model, "absorber_1", candidate)
+    start = start_of(whole, torch.tensor([2.1e11, 1e-2]).double(), scene.state.model, values, "absorber_1")
+    larger = scene.hypothesis("absorber", start=start)
+    assert is_noise(larger.fit)
+    assert not is_noise(lost.fit)
+    everyone = [scene.candidate(name) for name in ("point_mass", "stiffness_loss")]
+    (mass,) = scene.ranking._at_the_place(scene.state, [lost, larger], everyone)
+    assert mass.name == "point_mass"
+    assert is_noise(mass.fit)

@@ -33,11 +33,12 @@ LISTENS = re.compile(r"(^|\.)(bind|listen|accept|HTTPServer|TCPServer|serve_fore
 MODULES = ("pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal", "http.server", "socketserver")
 # Processes of one run tell each other the search; rank 0 has written it, in memory.
 OWN_PROCESSES = {("cli/machine/ranks.py", "torch.load")}
-# The benchmark starts this very Python again, with no word of a file.
+# Benchmarks and studies start this very Python again, with no word of a file.
 BENCHMARK = {
     ("bench/scaling.py", "subprocess.run"),
     ("cli/verbs/bench.py", "subprocess.run"),
-    ("studies/chairs.py", "subprocess.run"),
+    ("studies/chairs.py", "subprocess.Popen"),
+    ("studies/load.py", "subprocess.run"),
 }
 
 

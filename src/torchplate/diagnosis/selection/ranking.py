@@ -224,11 +224,13 @@ class Ranking:
     ) -> list[Hypothesis]:
         """What else may sit where the best does, from there and with the rest of the model as it is beside that.
 
-        A soft patch moves the peaks nearly as a mass at its middle does, which is found from farther away.
+        A soft patch moves the peaks nearly as a mass at its middle does, which is found from farther away. Where the
+        best leaves noise, only what is simpler is asked: an absorber that stays with the plate is a mass.
         """
         best = min(hypotheses, key=lambda one: one.cost, default=None)
-        if best is None or not best.candidate.has_place or is_noise(best.fit) or not best.fit.by_noise:
+        if best is None or not best.candidate.has_place or not best.fit.by_noise:
             return []
+        enough = is_noise(best.fit)
         if best.fit.square > self.settings.selecting.explains_much * state.fit.square:
             return []
         values = best.fit.model.as_dict(best.fit.theta)
@@ -237,6 +239,8 @@ class Ranking:
         found, settings, about = [best], self.settings.searching, best.fit.about
         for one in everyone:
             if not one.has_place or one.name == best.name:
+                continue
+            if enough and one.name not in best.candidate.effect.contains:
                 continue
             label = new_label(state.model, one.name)
             whole = with_candidate(state.model, label, one)

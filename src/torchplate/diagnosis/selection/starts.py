@@ -37,8 +37,10 @@ def spread_out(
         members.append(torch.stack([start_of(whole, theta, base, own, promise.label) for own in some]))
     every, level = torch.cat(members), builder.target.levels - 1
     left = Problem(builder, whole, prior, state.fit.marginal).residual(every, level).square().sum(-1)
-    # The last promised is where the model is: with an effect more it cannot end farther off than without.
-    return torch.cat([every[left.argsort()[: builder.target.settings.screening.n_start]], promise.starts[-1:]])
+    # Half of them as they were promised, at other places; and the last of those, which is where the model is: with an
+    # effect more it cannot end farther off than without.
+    half = builder.target.settings.screening.n_start // 2
+    return torch.cat([every[left.argsort()[:half]], promise.starts[:-1][:half], promise.starts[-1:]])
 
 
 def nearest(
