@@ -12,8 +12,7 @@ import torch
 import torchplate as tp
 from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.judged import judged_at
-from torchplate.diagnosis.selection import forward as module
-from torchplate.diagnosis.selection.criterion import choose, known_section
+from torchplate.diagnosis.selection.criterion import choose
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.screen import Scored
 from torchplate.diagnosis.selection.trace import Ranked, State
@@ -361,32 +360,3 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
     # Nor if both explain no more than none does.
     both = replace(both, fit=far)
     assert selection._two_that_promise(state, [ranked(0.6, 0.3, 0.1)], 3) is None
-
-
-@torch.no_grad()
-def test_a_baseline_near_noise_is_taken_up_from_beside_no_specimen_too(lab, monkeypatch):
-    """Descents of large tests end a little apart: the given model has the tries that its effects have."""
-    scene = lab.Scene()
-    selection = ForwardSelection(scene.builder, {}, lambda _: None)
-    # The end counts as consistent, and a fit of the same model elsewhere as much more probable.
-    near = lab.leaving(scene.fit, 1.1 * scene.fit.judged.n)
-    state, single = State(scene.state.model, near), State(scene.state.model, lab.leaving(scene.fit, near.square - 30))
-    asked = []
-
-    def refitted(builder, model, start, prior, wide, hopeless, about):
-        asked.append((about, hopeless))
-        return lab.leaving(scene.fit, near.square - 25) if math.isinf(hopeless) else near
-
-    monkeypatch.setattr(module, "fit", refitted)
-    lower = selection._lower(state, single, Ranked((), (), 20.0), alone=True)
-    assert lower is not None
-    assert lower.fit.square == pytest.approx(near.square - 25)
-    assert [about is None for about, _ in asked] == [known_section(single.fit) is None, True]
-    # Not where chance alone would take as much; and far from noise not a second time.
-    asked.clear()
-    assert selection._lower(state, single, Ranked((), (), 28.0), alone=True) is None
-    assert len(asked) == 2
-    asked.clear()
-    far = replace(state, fit=lab.leaving(scene.fit, 50 * scene.fit.judged.n))
-    assert selection._lower(far, single, Ranked((), (), 20.0), alone=True) is not None
-    assert len(asked) == 1

@@ -125,14 +125,15 @@ def test_what_cannot_get_near_is_left_soon(workshop, monkeypatch):
     """At the rate of its last part, in all the parts that are left: one that can goes on."""
     builder, joint = workshop.builder, workshop.joint
     position, n_part = builder.given.space.to_cube(TRUTH), builder.target.settings.fitting.n_way
-    marginal, _, channels = joint._judged(position, workshop.shift, None)
+    marginal, _ = joint._judged(position, workshop.shift, None)
     costs: list[float] = []
 
     def judged(*_):
         costs.append(-10.0 * len(costs))
-        return marginal, costs[-1], channels
+        return marginal, costs[-1]
 
     monkeypatch.setattr(Joint, "_judged", judged)
+    monkeypatch.setattr(Joint, "_lower", lambda _, here, *__: (here, None, 10.0, 1e3))
     monkeypatch.setattr(Joint, "descend", lambda _, where, shift, *__: (where, shift, 1.0))
     for beat, hopeless, n in (
         # Ten for each part, of which one is judged before the first.
@@ -221,8 +222,46 @@ def test_hits_far_off_their_marks_are_found_where_they_were(workshop):
     assert float(left[1].max()) < 0.7
     # Noise alone is left: χ²/n of some 8,000 numbers scatters by 1.6 %.
     marginal = joint._beside(ended.position, ended.found.shift, channels)
-    rest = twin.off(against.predict(workshop.specimens.at(ended.found.shift, channels), TRUTH), marginal.about)
+    theta = against.given.space.to_si(ended.position)
+    rest = twin.off(against.predict(workshop.specimens.at(ended.found.shift, channels), theta), marginal.about)
     assert float(marginal.whitened(marginal.residual(rest)).square().mean()) < 1.05
+
+
+@torch.no_grad()
+def test_what_a_drift_shows_is_what_taking_more_of_it_off_does(workshop):
+    """The measured resonances, not the model's: a way is judged by what is taken off."""
+    measurement = workshop.builder.target.measurement
+    told = replace(workshop.builder.target.noise, resonances=noise_level(measurement).resonances)
+    loose = Imperfections(position_std=0.0, frequency_drift=1e-4, calibration_std=0.01, damping_scatter=0.0)
+    twin = replace(workshop.builder.target, noise=told, imperfections=loose)
+    joint = Joint(workshop.builder.against(twin), workshop.builder.given, workshop.specimens, {})
+    position = workshop.builder.given.space.to_cube(TRUTH)
+    seen = joint._seen((position, workshop.shift), None, joint._beside(position, workshop.shift, None))
+    names, drift = seen.of_reference, seen.of_reference.index("drift")
+    assert "level" in names
+    seen = seen._replace(response=0.5 + 0 * seen.response, reference=1.5 + 0 * seen.reference)
+    marginal = joint._beside(position, workshop.shift, seen)
+    step, off = 1e-3, []
+    for sign in (1, -1):
+        other = seen.reference.clone()
+        other[2, drift] += sign * step
+        off.append(twin.off(torch.zeros_like(workshop.frf), joint._about(seen._replace(reference=other))))
+    whole = (off[1] - off[0]) / (2 * step)
+    column = marginal._nuisances.by_reference[..., drift]
+    assert float((whole[..., 2] - column[..., 2]).norm()) < 1e-3 * float(column[..., 2].norm())
+    assert float(whole[..., :2].norm()) == 0.0
+
+
+@torch.no_grad()
+def test_far_off_a_way_is_judged_beside_as_much_noise_as_is_left(workshop):
+    joint, position = workshop.joint, workshop.builder.given.space.to_cube(TRUTH)
+    for where, far in ((position, False), (position + 0.1, True)):
+        here = where, workshop.shift
+        marginal = joint._beside(*here, None)
+        louder, noise = joint._louder(here, None, marginal)
+        assert (noise > 10) == far
+        assert torch.allclose(louder.variance, noise * marginal.variance)
+        assert joint._misfit(here, None, louder) == pytest.approx(marginal.n, rel=0.2)
 
 
 @torch.no_grad()

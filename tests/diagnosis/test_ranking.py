@@ -249,18 +249,32 @@ def test_what_else_may_sit_where_the_best_does_is_tried_there(lab, monkeypatch):
     place = torch.tensor([0.5, 0.6, lab.spot[0] + 0.02, lab.spot[1] - 0.02, 0.3])
     mass = scene.hypothesis("point_mass", start=place)
     everyone = [scene.candidate(name) for name in ("density", "point_mass", "stiffness_loss", "ground_spring")]
-    found = {one.name: one for one in scene.ranking._at_the_place(scene.state, [mass], everyone)}
+    found = {one.name: one for one in scene.ranking.instead.of(scene.state, mass, everyone, module.NOBODY)}
     assert found.keys() == {"stiffness_loss", "ground_spring"}
     patch = found["stiffness_loss"]
     assert patch.fit.square < 0.1 * mass.fit.square
     values = patch.fit.model.as_dict(patch.fit.theta)
     assert values["stiffness_loss_1.factor"] == pytest.approx(0.6, abs=0.1)
-    # Where the best says nothing of a place, or explains little, there is no such place.
-    gain = replace(mass, candidate=scene.candidate("sensor_gain"))
-    assert scene.ranking._at_the_place(scene.state, [gain], everyone) == []
+    # Where the best explains little, its place is none to look at.
     little = replace(mass, fit=lab.leaving(mass.fit, 0.8 * scene.fit.square))
-    assert scene.ranking._at_the_place(scene.state, [little], everyone) == []
-    assert scene.ranking._at_the_place(scene.state, [], everyone) == []
+    assert scene.ranking.instead.of(scene.state, little, everyone, module.NOBODY) == []
+
+
+@torch.no_grad()
+def test_the_twin_of_an_effect_of_the_whole_plate_is_tried_where_that_ended(lab):
+    """E_y/E_x does to the modes what the fourth power of the sides' ratio does."""
+    scene = lab.Scene(hidden={"ratio": 0.8})
+    everyone = [scene.candidate(name) for name in ("orthotropy", "aspect_ratio", "density", "hysteretic_damping")]
+    start = torch.tensor([2.1e11, 1e-2, 0.8, 1.0]).double()
+    label, candidate = "orthotropy_1", everyone[0]
+    whole = with_candidate(scene.state.model, label, candidate)
+    grain = scene.hypothesis("orthotropy", start=whole.space.to_cube(start))
+    found = scene.ranking.instead.of(scene.state, grain, everyone, module.NOBODY)
+    (sides,) = (one for one in found if one.name == "aspect_ratio")
+    values = sides.fit.model.as_dict(sides.fit.theta)
+    assert values["aspect_ratio_1.ratio"] == pytest.approx(0.8**-0.25, rel=2e-3)
+    # What changes all modes alike does not do the same.
+    assert "density" not in {one.name for one in found}
 
 
 @torch.no_grad()
@@ -317,6 +331,6 @@ def test_what_is_simpler_is_tried_where_a_larger_effect_leaves_noise(lab):
     assert is_noise(larger.fit)
     assert not is_noise(lost.fit)
     everyone = [scene.candidate(name) for name in ("point_mass", "stiffness_loss")]
-    (mass,) = scene.ranking._at_the_place(scene.state, [lost, larger], everyone)
+    (mass,) = scene.ranking.instead.of(scene.state, larger, everyone, module.NOBODY)
     assert mass.name == "point_mass"
     assert is_noise(mass.fit)

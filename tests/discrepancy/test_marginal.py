@@ -157,3 +157,62 @@ def test_expected_power_is_noise_and_nuisances():
     one = marginal()
     expected = matrix(one).diagonal().unflatten(0, (*SHAPE, 2)).sum(-1) / one.weight.square()
     assert torch.allclose(one.power(), expected)
+
+
+def test_channels_that_are_put_in_cost_what_they_are_and_those_farther_off_are_linear(residual):
+    plain, generator = marginal(), torch.Generator().manual_seed(13)
+    variance, nuisances, fitted = plain._given
+    nuisances = nuisances._replace(of_response=("x",), of_reference=("x", "y"))
+    one = Marginal(variance, nuisances, fitted, {}, Knowledge())
+    response, reference = (torch.randn(*shape, generator=generator, dtype=torch.float64) for shape in ((2, 1), (3, 2)))
+    channels = OfChannels(response, reference, 0 * response, 0 * reference, ("x",), ("x", "y"))
+    columns = one.across(torch.eye(len(one.group), dtype=torch.float64)).mT
+    off = torch.view_as_complex(residual.reshape(*SHAPE, 2)) / one.weight
+    unit = torch.eye(len(residual), dtype=torch.float64)
+    for farthest in (10.0, float(reference.abs().max())):
+        at = torch.cat([torch.zeros(2).double(), response.flatten(), reference.flatten()])
+        # The farthest is linear about itself.
+        linear = torch.tensor([True, True, *(at[2:].abs() >= farthest).tolist()])
+        assert int(linear.sum()) == (2 if farthest == 10.0 else 3)
+        kept, whole = columns[:, linear], residual + columns[:, linear] @ at[linear]
+        expected = whole @ torch.linalg.solve(unit + kept @ kept.mT, whole) + at[~linear].square().sum()
+        assert one.misfit(off, channels, farthest) == pytest.approx(float(expected))
+    # As they are meant: nothing of theirs, and nothing that they may be.
+    kept = columns[:, :2]
+    expected = residual @ torch.linalg.solve(unit + kept @ kept.mT, residual)
+    assert one.misfit(off, None) == pytest.approx(float(expected))
+
+
+def test_a_level_is_put_in_as_far_as_it_goes():
+    nothing = torch.zeros(1, 2, dtype=torch.float64)
+    far = torch.tensor([[30.0, -60.0]], dtype=torch.float64)
+    one = OfChannels(far, 0 * nothing, nothing, nothing, ("x", "level"), ("x", "level"), level=0.01)
+    assert one.within(10.0).response.tolist() == [[10.0, -60.0]]
+    # A level is never of the other sign.
+    turned = one._replace(response=torch.tensor([[-30.0, -200.0]], dtype=torch.float64)).within(10.0)
+    assert turned.response[0, 0] == -10.0
+    assert float(turned.level_of_pairs()) == pytest.approx(0.05)
+
+
+def test_what_the_second_order_adds_can_stay_what_it_was(residual):
+    one = marginal()
+    variance, nuisances, fitted = one._given
+    more = Marginal(4 * variance, nuisances, fitted, {}, Knowledge())
+    held = one.with_variance(more.variance)
+    assert torch.equal(held.weight, more.weight)
+    # The columns are its own still.
+    assert torch.allclose(held.across(torch.ones(len(one.group)).double()), 0.5 * one.across(torch.ones(10).double()))
+    # Beside twice the size, noise counts for four.
+    assert held.cost(0.5 * residual) == pytest.approx(more.cost(0.5 * residual))
+
+
+def test_where_more_than_noise_is_left_channels_are_known_no_better_than_beside_it(residual):
+    plain = marginal()
+    variance, nuisances, fitted = plain._given
+    nuisances = nuisances._replace(of_response=("x",), of_reference=("x", "y"))
+    one = Marginal(variance, nuisances, fitted, {}, Knowledge())
+    near, far = (one.channels(times * residual) for times in (1.0, 30.0))
+    # Means are those of the likelihood that is minimised.
+    assert torch.allclose(far.response, 30 * near.response)
+    assert bool((far.response_left > 2 * near.response_left).all())
+    assert bool((far.reference_left < 1).all())

@@ -148,7 +148,10 @@ def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | No
     start = starts[0]
     if len(starts) > 1:
         sharp = target.levels - 1
-        places, values, _ = joint.beside(start, about).descend(starts, sharp, settings.n_together)
+        alone, n = joint.beside(start, about), settings.n_together
+        places, values, _ = alone.descend(starts, sharp, n // 2)
+        # The better half goes on: where parameters and specimen end together is seen of one.
+        places, values, _ = alone.descend(places[values.argsort()[: (len(starts) + 1) // 2]], sharp, n - n // 2)
         start = places[values.argmin()]
     return joint.descend_sharply(start, about.shift, about.channels)
 

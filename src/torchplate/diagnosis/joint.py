@@ -22,6 +22,9 @@ from torchplate.discrepancy import Found, Marginal, OfChannels, Specimens, speci
 from torchplate.model import PlateModel
 from torchplate.search import JACOBIANS, Descent, least_squares, recalled
 
+# Position of the parameters on the unit cube, and shift of the specimen in standard deviations.
+Place = tuple[Float[Tensor, " n"], Float[Tensor, " n_off"]]
+
 
 class Ended(NamedTuple):
     """Where a fit ended.
@@ -136,8 +139,10 @@ class Joint:
     ) -> Ended:
         """At the sharp level, the other nuisances linear about where each part of the way begins.
 
-        How they show changes with the model too, which no part of the way knows. One that ends less probable than it
-        began is taken again step by step, and each step as far as it leads down.
+        A part ends with the channels as they are seen there, and is taken as far as all that is put in becomes more
+        probable; one that does not lead down is taken again step by step. What the second order of the nuisances adds
+        to the noise stays as it is until the way has come to rest beside it: a variance that shrinks with every part
+        lifts the walls of the valley before the way is in it.
 
         Args:
             position: of the parameters, on the unit cube.
@@ -145,41 +150,70 @@ class Joint:
             channels: what each has of its own, as far as it is known.
         """
         settings, sharp = self.settings, self.target.levels - 1
-        here, value, n_iteration = (position, self._known(shift)), math.inf, settings.n_together
-        marginal, cost, seen = self._judged(*here, channels)
+        here: Place = (position, self._known(shift))
+        value, n_iteration, held = math.inf, settings.n_together, False
+        marginal, cost = self._judged(*here, channels)
+        louder, noise = self._louder(here, channels, marginal)
         for left in reversed(range(settings.n_way)):
-            *end, half = self.descend(*here, sharp, n_iteration, settings.damping, marginal, channels)
+            *end, half = self.descend(*here, sharp, n_iteration, settings.damping, louder, channels)
+            half *= noise
             # At this rate it would not get there in all the parts that are left.
             if 2 * (half - left * max(0.0, value - half)) > self.hopeless:
                 value = min(value, half)
                 break
             value = min(value, half)
-            for part in settings.parts if n_iteration == 1 else (1.0,):
-                there = torch.lerp(here[0], end[0], part), torch.lerp(here[1], end[1], part)
-                at = seen if channels is None or seen is None else channels.towards(seen, part)
-                beside, after, again = self._judged(*there, at)
-                if after < cost:
+            there = self._lower(here, (end[0], end[1]), channels, louder)
+            if there is None:
+                if n_iteration == 1 and not held:
                     break
-            fallen = cost - after
-            # A part that leads up says nothing: it is taken again step by step.
-            behind = (fallen > 0 or n_iteration == 1) and min(cost, after) - left * max(0.0, fallen) > self.beat
-            if fallen > 0:
-                here, marginal, cost, channels, seen = there, beside, after, at, again
-            if behind:
+                if n_iteration == 1:
+                    marginal, cost = self._judged(*here, channels)
+                    (louder, noise), held = self._louder(here, channels, marginal), False
+                n_iteration = settings.n_together if n_iteration == 1 else 1
+                continue
+            here, channels, fallen, misfit = there
+            held = fallen > settings.far * misfit
+            marginal, after = self._judged(*here, channels, marginal if held else None)
+            louder, noise = self._louder(here, channels, marginal)
+            behind, cost = after - left * max(0.0, cost - after) > self.beat, after
+            if behind or (not held and fallen < max(settings.little, 2 * settings.tolerance * value / noise)):
                 break
-            if fallen < max(settings.little, 2 * settings.tolerance * value):
-                if n_iteration == 1 or fallen > 0:
-                    break
-                n_iteration = 1
         self._before = None
         slope = self._jacobian(*here, channels, sharp, marginal)
-        n = len(position)
-        # By columns of equal length: a parameter that is known to a millionth of its interval drowns no other.
-        norm = slope.norm(dim=0).clamp(min=1e-300)
-        unit = slope / norm
-        inverse = torch.linalg.pinv(unit.mT @ unit, hermitian=True, rtol=1e-12)
-        spread = (inverse / norm[:, None] / norm)[n:, n:]
+        # Of the specimen where the parameters are what they are: what is not linear in it alone is what it adds.
+        own = slope[:, len(position) :]
+        # Its prior is among the rows, so that nothing is left unknown.
+        spread = torch.cholesky_inverse(torch.linalg.cholesky(own.mT @ own)) if own.shape[-1] else own.mT @ own
         return Ended(here[0], Found(here[1], spread, channels), value, cost)
+
+    def _louder(self, here: Place, channels: OfChannels | None, marginal: Marginal) -> tuple[Marginal, float]:
+        """The same beside as much noise as is left, and how many times its variance: far off, priors count for more.
+
+        Without it channels and specimen take on what the parameters have not found yet.
+        """
+        noise = max(1.0, self._misfit(here, channels, marginal) / max(1.0, marginal.n))
+        return (marginal if noise == 1 else marginal.with_variance(noise * marginal.variance)), noise
+
+    def _lower(
+        self, here: Place, end: Place, channels: OfChannels | None, marginal: Marginal
+    ) -> tuple[Place, OfChannels | None, float, float] | None:
+        """How far a part of the way leads down, with the channels there, by how much and from what; None where nowhere.
+
+        Args:
+            here: where it begins.
+            end: where least squares ended.
+            channels: what each has of its own, here.
+            marginal: noise and nuisances about here.
+        """
+        before, seen = self._misfit(here, channels, marginal), self._seen(end, channels, marginal)
+        begun = channels or (seen and seen.none())
+        for part in self.settings.parts:
+            there = torch.lerp(here[0], end[0], part), torch.lerp(here[1], end[1], part)
+            at = None if seen is None or begun is None else begun.towards(seen, part)
+            fallen = before - self._misfit(there, at, marginal)
+            if fallen > 0:
+                return there, at, fallen, before
+        return None
 
     def beside(self, position: Float[Tensor, " n"], about: Found) -> Problem:
         """The fit of the parameters alone, the specimen as it was found."""
@@ -194,23 +228,55 @@ class Joint:
         return found
 
     def _judged(
-        self, position: Tensor, shift: Tensor, channels: OfChannels | None
-    ) -> tuple[Marginal, float, OfChannels | None]:
-        """Noise and nuisances about a place, −2 ln of its posterior probability, and what it says of channels."""
+        self, position: Tensor, shift: Tensor, channels: OfChannels | None, before: Marginal | None = None
+    ) -> tuple[Marginal, float]:
+        """Noise and nuisances about a place, and −2 ln of its posterior probability.
+
+        Args:
+            position: of the parameters, on the unit cube.
+            shift: of the specimen.
+            channels: what each has of its own.
+            before: whose variance is kept; None where it is what it is there.
+        """
         marginal = self._beside(position, shift, channels)
+        marginal = marginal if before is None else marginal.with_variance(before.variance)
+        residual, prior = self._off(position, shift, channels, marginal)
+        return marginal, marginal.cost(marginal.residual(residual)) + prior
+
+    def _off(
+        self, position: Tensor, shift: Tensor, channels: OfChannels | None, marginal: Marginal
+    ) -> tuple[Tensor, float]:
+        """Residuals about some channels, and −2 ln of what was said beforehand of all else."""
         problem, theta = self._problem(shift, channels, marginal), self.model.space.to_si(position)
-        residual = marginal.residual(self.target.off(self.builder.predict(problem.model, theta), marginal.about))
         prior = problem.told(theta).square().sum() + (shift / self.std).square().sum()
-        seen = marginal.channels(residual)
-        return marginal, marginal.cost(residual) + float(prior), seen and seen.within(self.settings.farthest)
+        about = None if channels is None else self._about(channels)
+        return self.target.off(self.builder.predict(problem.model, theta), about), float(prior)
+
+    def _misfit(self, place: Place, channels: OfChannels | None, marginal: Marginal) -> float:
+        """−2 ln of the posterior probability of all that is put in, beside noise and nuisances about another place."""
+        off, prior = self._off(*place, channels, marginal)
+        about = None if channels is None else self._about(channels).channels
+        return marginal.misfit(off, about, self.settings.farthest, self.target.noise.resonances is not None) + prior
+
+    def _seen(self, place: Place, channels: OfChannels | None, marginal: Marginal) -> OfChannels | None:
+        """What is left at a place says of channels, beside nuisances about another."""
+        off, _ = self._off(*place, channels, marginal)
+        seen = marginal.channels(marginal.residual(off))
+        return seen and seen.within(self.settings.farthest)
 
     def _beside(self, position: Tensor, shift: Tensor, channels: OfChannels | None) -> Marginal:
         """Noise and the nuisances that are left."""
-        theta, nothing = self.model.space.to_si(position), position.new_zeros(0)
-        about = None if channels is None else Found(nothing, nothing[:, None], channels)
+        theta, about = self.model.space.to_si(position), None if channels is None else self._about(channels)
         return self.target.marginal(self.specimens.at(shift, channels), theta, about, specimen=False).rescaled(
             self.scale
         )
+
+    def _about(self, channels: OfChannels) -> Found:
+        if self.target.noise.resonances is None:
+            # Without resonances no drift can be taken off what was measured.
+            channels = channels.without_drift()
+        nothing = self.std.new_zeros(0)
+        return Found(nothing, nothing[:, None], channels)
 
     def _problem(self, shift: Tensor, channels: OfChannels | None, marginal: Marginal | None) -> Problem:
         return Problem(self.builder, self.specimens.at(shift, channels), self.prior, marginal)

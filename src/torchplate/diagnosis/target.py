@@ -34,6 +34,9 @@ from torchplate.effects import Effect
 from torchplate.measurement import PERFECT, Imperfections, Measurement, Noise
 from torchplate.model import PlateModel
 
+# Of a drift, by which what it makes of FRFs is differentiated [-]: a hundredth of the sharpest peak there is.
+STEP = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class FrfTarget:
@@ -231,7 +234,10 @@ class FrfTarget:
         wandering, imperfections = self.wandering, self.imperfections
         if not specimen:
             wandering, imperfections = UNIFORM, replace(imperfections, damping_scatter=0.0)
-        found = nuisances(model, theta, self.frequency, imperfections, wandering, shift, about, self.mesh_left)
+        drifting = None if about is None or about.channels is None else self._drifting(about.channels)
+        found = nuisances(
+            model, theta, self.frequency, imperfections, wandering, shift, about, self.mesh_left, drifting
+        )
         if self.gain_is_unknown:
             gain = self.gain_of(model, theta)
             common, own, other = (gain * part for part in found[:3])
@@ -260,6 +266,19 @@ class FrfTarget:
         found = found / channels.level_of_pairs()
         vars(self)["_known_undone"] = (channels, found)
         return found
+
+    def _drifting(self, channels: OfChannels) -> Complex[Tensor, "n_frequency n_response n_reference"] | None:
+        """What a drift more makes of FRFs whose records are read as one test; None where none was taken off.
+
+        With it a way is judged by what it does: the model's resonances are not the measured ones before its end.
+        """
+        drift = channels.drift_of_pairs()
+        if drift is None or self.noise.resonances is None or self.gain_is_unknown:
+            return None
+        whole = drift.expand(self.measured.shape[1:])
+        moved = [self.noise.resonances.moved(self.frequency, whole + step) for step in (STEP, -STEP)]
+        found = (moved[1] - moved[0]) / (2 * STEP)
+        return (found if self.sign is None else found * self.sign) / channels.level_of_pairs()
 
     @property
     def variance(self) -> Float[Tensor, "n_frequency n_response n_reference"]:

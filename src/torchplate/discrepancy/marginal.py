@@ -48,6 +48,7 @@ class Marginal:
         knowledge: of the noise.
         scale: what each group is times what was said of it, where residuals are whitened; 1 where it is left out.
         about: how far off the specimen is whose residuals come; None where it is not.
+        beside: variance, what the second order of nuisances adds among it; None where that is as it is here.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class Marginal:
         knowledge: Knowledge,
         scale: Mapping[str, float] | None = None,
         about: Found | None = None,
+        beside: Float[Tensor, "n_frequency n_response n_reference"] | None = None,
     ) -> None:
         self._given, self._nuisances = (variance, nuisances, fitted), nuisances
         self.about = about
@@ -70,11 +72,13 @@ class Marginal:
         of_level = self._power_of_levels(variance)
         variance = variance / of_level
         if nuisances is not None:
-            plain, variance = variance, variance + nuisances.second_order.variance(self.scale)
+            of_second = nuisances.second_order.variance(self.scale)
+            plain, variance = variance, variance + of_second if beside is None else beside / of_level
             self._second_order = float((1 - plain / variance)[:, fitted].mean())
+        self.variance = variance * of_level
         self.weight = torch.where(fitted, variance.rsqrt(), 0.0)
         self.n = 2.0 * len(variance) * int(fitted.sum())
-        self._log_variance = 2 * float((variance * of_level)[:, fitted].log().sum())
+        self._log_variance = 2 * float(self.variance[:, fitted].log().sum())
         self.freedom, self.knowledge = freedom, knowledge
         parts = (None, None, None) if nuisances is None else nuisances[:3]
         common, own, other = (self._weighed(part) for part in parts)
@@ -109,6 +113,10 @@ class Marginal:
         if self.about is None or self.about.channels is None:
             return one
         return one * self.about.channels.level_of_pairs().square().clamp(min=1e-12)
+
+    def with_variance(self, variance: Float[Tensor, "n_frequency n_response n_reference"]) -> "Marginal":
+        """The same beside another variance of what was measured, what the second order of nuisances adds among it."""
+        return Marginal(*self._given, self.freedom, self.knowledge, self.scale, self.about, variance)
 
     def rescaled(self, scale: Mapping[str, float]) -> "Marginal":
         """The same with nuisances of another size."""
@@ -207,12 +215,60 @@ class Marginal:
         return self.across(value)
 
     def channels(self, residual: Float[Tensor, " n_residual"]) -> OfChannels | None:
-        """What residuals say of each channel, noise and nuisances as large as was said."""
+        """What residuals say of each channel, nuisances as large as was said.
+
+        Where more than noise is left, channels are known no better than beside as much noise.
+        """
         if self._nuisances is None:
             return None
         root = self._root(torch.tensor([self.scale.get(name, 1.0) for name in self.names], dtype=torch.float64))
+        along = self.along(residual)
         inverse = torch.cholesky_inverse(self._lower(root, 1.0))
-        return self._of_channels(root * (inverse @ (root * self.along(residual))), root, inverse)
+        mean = inverse @ (root * along)
+        left = (float(residual.square().sum()) - float(mean @ (root * along))) / max(1.0, self.n)
+        if left > 1:
+            inverse = torch.cholesky_inverse(self._lower(root, left))
+        return self._of_channels(root * mean, root, inverse)
+
+    def misfit(
+        self,
+        off: Complex[Tensor, "n_frequency n_response n_reference"],
+        channels: OfChannels | None,
+        farthest: float = math.inf,
+        drift: bool = True,
+    ) -> float:
+        """−2 ln p of residuals and of the channels that these were taken about, but for what hangs on no residual.
+
+        What a channel has of its own is as it was put in, and not linear; all other nuisances are integrated out, with
+        drifts that cannot be taken off what was measured.
+
+        Args:
+            off: residuals about these channels, at their levels.
+            channels: what each has of its own; None where they are as they are meant.
+            farthest: standard deviations from which on it is linear still: it may be farther than it was put in.
+            drift: whether that of the records was taken off what was measured.
+        """
+        level = self.weight.new_ones(1, 1) if channels is None else channels.level_of_pairs()
+        if self.about is not None and self.about.channels is not None:
+            level = level / self.about.channels.level_of_pairs()
+        found = self.over_noise(off * level)
+        if self._nuisances is None or not len(self.group):
+            return float(found.square().sum())
+        root = self._root(torch.tensor([self.scale.get(name, 1.0) for name in self.names], dtype=torch.float64))
+        linear, at = torch.ones_like(root, dtype=torch.bool), torch.zeros_like(root)
+        sides = self._nuisances.of_response, self._nuisances.of_reference
+        for side, (index, names) in enumerate(zip(self._channel, sides, strict=True)):
+            linear[index] = torch.tensor([name == "drift" and not drift for name in names], dtype=torch.bool)
+            if channels is not None:
+                low, high = channels.limits(farthest)[side]
+                own = channels.reference if side else channels.response
+                at[index] = own.to(at)
+                linear[index] |= (own <= low) | (own >= high)
+        found = found + self.across(torch.where(linear, at, 0.0))
+        known = (torch.where(linear, 0.0, at) / root.clamp(min=1e-12)).square().sum()
+        root = torch.where(linear, root, 0.0)
+        half = torch.linalg.solve_triangular(self._lower(root, 1.0), (root * self.along(found))[:, None], upper=False)
+        return float(found.square().sum() + known - half.square().sum())
 
     def _of_channels(self, shift: Tensor, root: Tensor, inverse: Tensor) -> OfChannels | None:
         """Of nuisances and their posterior covariance."""

@@ -71,6 +71,7 @@ def nuisances(
     mesh_shift: Float[Tensor, " n_frequency"],
     about: Found | None = None,
     mesh: tuple[float, float] = (0.0, 0.0),
+    drifting: Complex[Tensor, "n_frequency n_response n_reference"] | None = None,
 ) -> Nuisances:
     """The nuisances of one test of one plate.
 
@@ -84,6 +85,8 @@ def nuisances(
         about: how far off the specimen is that the model is; None where it is none.
         mesh: what the mesh leaves of the deflections: distance by which lines of equal deflection are off [m], and part
             of them [-].
+        drifting: change of the FRFs with a drift of their records, as what was measured says where drifts are taken off
+            that; None where the model says it.
     """
     plan, reference, modal, to_reading = _apart(model, theta, frequency)
     chain, kind = to_reading.chain, to_reading.kind
@@ -154,8 +157,11 @@ def nuisances(
     drift = imperfections.std("frequency_drift")
     if drift > 0 and max(n_response, n_reference) > 1:
         # A file does not say whether sensors or hits were moved from record to record.
-        moved = 2 * drift * modal.eigenvalue * modal.kappa
-        drifted = to_reading(-sum_of_modes(modal, modal.left, modal.right, moved / modal.denominator))
+        if drifting is None:
+            moved = 2 * drift * modal.eigenvalue * modal.kappa
+            drifted = to_reading(-sum_of_modes(modal, modal.left, modal.right, moved / modal.denominator))
+        else:
+            drifted = drift * drifting
         for count, part, what in ((n_response, own, of_response), (n_reference, other, of_reference)):
             if count > 1:
                 part.append(("frequency_drift", drifted))

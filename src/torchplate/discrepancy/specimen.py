@@ -17,6 +17,9 @@ from torchplate.discrepancy.wandering import Elements, Wandering, terms
 from torchplate.model import PlateModel, on_mesh
 from torchplate.plate import Correction, Unevenness
 
+# Levels of a channel that are put into a model [-]; what is farther off is linear about them.
+LEVELS = (0.05, 20.0)
+
 
 class OfChannels(NamedTuple):
     """What each channel of a test has of its own, as FRFs say, in standard deviations.
@@ -47,8 +50,24 @@ class OfChannels(NamedTuple):
         return names and all(a.shape == b.shape for a, b in zip(self[:2], other[:2], strict=True))
 
     def within(self, most: float) -> "OfChannels":
-        """So many standard deviations at most."""
-        return self._replace(response=self.response.clamp(-most, most), reference=self.reference.clamp(-most, most))
+        """So many standard deviations at most, and levels of either sign that they have."""
+        (low, high), (least, greatest) = self.limits(most)
+        return self._replace(response=self.response.clamp(low, high), reference=self.reference.clamp(least, greatest))
+
+    def limits(self, most: float) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
+        """The lowest and the highest of each column, of responses and of references.
+
+        A level is put in as far as it goes: what was measured is divided by it.
+        """
+        found = []
+        for names in (self.of_response, self.of_reference):
+            ends = [
+                [(end - 1) / max(self.level, 1e-12) for end in LEVELS] if name == "level" else [-most, most]
+                for name in names
+            ]
+            low, high = self.response.new_tensor(ends).reshape(-1, 2).unbind(-1)
+            found.append((low, high))
+        return found[0], found[1]
 
     def towards(self, other: "OfChannels", part: float) -> "OfChannels":
         """A part of the way to others."""
@@ -57,13 +76,17 @@ class OfChannels(NamedTuple):
             reference=torch.lerp(self.reference, other.reference, part),
         )
 
+    def none(self) -> "OfChannels":
+        """Channels that are as they are meant."""
+        return self._replace(response=0 * self.response, reference=0 * self.reference)
+
     def without_drift(self) -> "OfChannels":
         """The same with all records alike."""
-        parts = {"response": self.of_response, "reference": self.of_reference}
-        kept = {side: torch.tensor([float(one != "drift") for one in names]) for side, names in parts.items()}
+        kept = [
+            torch.tensor([float(one != "drift") for one in names]) for names in (self.of_response, self.of_reference)
+        ]
         return self._replace(
-            response=self.response * kept["response"].to(self.response),
-            reference=self.reference * kept["reference"].to(self.reference),
+            response=self.response * kept[0].to(self.response), reference=self.reference * kept[1].to(self.reference)
         )
 
     def places(self) -> tuple[Tensor | None, Tensor | None]:

@@ -123,7 +123,7 @@ def _already_searched(model: PlateModel, effect: Effect, key: str, told: Collect
     if own_number in model.names and own_number not in told:
         return True
     return any(
-        type(own) is type(effect) and own == effect and f"{label}.{key}" in model.names
+        type(own) is type(effect) and own == effect and f"{label}.{key}" in model.names and f"{label}.{key}" not in told
         for label, own in model.effects.items()
     )
 

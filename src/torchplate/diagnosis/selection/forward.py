@@ -16,7 +16,7 @@ from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.basins import fit_from_the_box
 from torchplate.diagnosis.candidates.catalogue import channels_of
-from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.fit import Beat, fit
 from torchplate.diagnosis.holdout import exchanged, outliers
 from torchplate.diagnosis.judged import Fit, judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
@@ -164,13 +164,17 @@ class ForwardSelection:
         """
         builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
         begun, unrefined = self.begun, None
-        hopeless = self.builder.target.settings.searching.hopeless
-        start = begun.model.space.to_cube(begun.fit.theta)[None]
-        given = fit(builder, builder.given, start, self.prior, hopeless=hopeless * begun.fit.square)
+
+        def again(model: PlateModel, before: Fit, wide: bool) -> Fit:
+            """What has no end near that of the same on a finer mesh is not followed to it."""
+            start, settings = before.model.space.to_cube(before.theta)[None], builder.target.settings
+            near = settings.selecting.close + settings.selecting.close_part * before.square
+            limit, beat = settings.searching.hopeless * before.square, Beat(before.way + near, before.cost + near)
+            return fit(builder, model, start, self.prior, wide, limit, known_section(before), beat=beat)
+
+        given = again(builder.given, begun.fit, True)
         if final.named and not builder.held:
-            limit = hopeless * final.fit.square
-            start, about = final.model.space.to_cube(final.fit.theta)[None], known_section(final.fit)
-            unrefined = fit(builder, builder.adopt(final.model), start, self.prior, False, limit, about)
+            unrefined = again(builder.adopt(final.model), final.fit, False)
         self.builder.count(builder.n_evaluation)
         return given, unrefined
 
@@ -239,17 +243,11 @@ class ForwardSelection:
         far = self.settings.beside * state.fit.square
         limit = min(far, self.builder.target.settings.searching.hopeless * single.fit.square) if alone else far
         position = state.model.space.to_cube(start)
-        ways = [(known_section(single.fit), limit)]
-        if state.fit.reduced_misfit <= self.settings.doubtful:
-            # Beside no specimen too: descents end a little apart, and a name is worth more than that.
-            ways.append((None, math.inf))
-        for about, most in ways:
-            found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=most, about=about)
-            fallen = found.square <= (1 - self.settings.stopped_soon) * state.fit.square
-            likelier = found.cost < state.fit.cost - max(1.0, ranked.by_chance)
-            if found.by_noise and (fallen or likelier) and not (alone and found.square > limit):
-                break
-        else:
+        about = known_section(single.fit)
+        found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit, about=about)
+        fallen = found.square <= (1 - self.settings.stopped_soon) * state.fit.square
+        likelier = found.cost < state.fit.cost - max(1.0, ranked.by_chance)
+        if not found.by_noise or not (fallen or likelier) or (alone and found.square > limit):
             return None
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")
         return replace(state, fit=found)
@@ -303,9 +301,11 @@ class ForwardSelection:
             hypothesis: with it.
             by_cost: a smaller gap alone is not enough, if the model is believed.
         """
-        after = hypothesis.fit
+        after, settings = hypothesis.fit, self.settings
+        if after.by_noise and before.reduced_misfit <= settings.doubtful:
+            # Nuisances larger than tests have them leave no more than noise does: squares say nothing of what is left.
+            return True
         gaps = [one.left for one in (before, after)]
-        settings = self.settings
         part = settings.explains_much if hypothesis.candidate.searched else settings.explains_some
         smaller = gaps[1] <= settings.explains_some * gaps[0] and not (by_cost and after.by_noise)
         return smaller or (after.by_noise and after.square <= part * before.square)

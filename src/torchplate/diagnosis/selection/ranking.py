@@ -9,18 +9,19 @@ from torch import Tensor
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements, rearrangements
-from torchplate.diagnosis.candidates.trials import spread_at
 from torchplate.diagnosis.fit import NOBODY, Beat, Begun, begin
+from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.afar import FromAfar
 from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_noise, known_section, weight_of
 from torchplate.diagnosis.selection.grounded import Grounded
+from torchplate.diagnosis.selection.instead import Instead
 from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
 from torchplate.diagnosis.selection.refit import Refits
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
 from torchplate.diagnosis.selection.shortlist import best_of_each, contained, kept, promising
-from torchplate.diagnosis.selection.starts import nearest, spread_out
+from torchplate.diagnosis.selection.starts import spread_out
 from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import UNIFORM, Found
@@ -41,7 +42,7 @@ class Ranking:
         self.builder, self.prior, self.channels, self.say = builder, prior, channels, say
         self.settings = builder.target.settings
         self.refits, self.afar = Refits(builder, prior, say), FromAfar(builder, prior)
-        self.grounded = Grounded(builder, self.refits)
+        self.grounded, self.instead = Grounded(builder, self.refits), Instead(builder, prior, self.refits)
         self._far: set[str] = set()
 
     def at(self, state: State) -> Ranked:
@@ -91,7 +92,9 @@ class Ranking:
             return Ranked(tuple(promises), tuple(hypotheses), by_chance, frozenset(self._far))
         ended: list[Hypothesis] = []
         ends = self._run_off(state, hypotheses)
-        ends = best_of_each([*ends, *self._at_the_place(state, ends, everyone)])
+        if ends:
+            first = min(ends, key=lambda one: one.cost)
+            ends = best_of_each([*ends, *self.instead.of(state, first, everyone, self._beat(state, [first]))])
         limit, beat = self._hopeless(ends), self._beat(state, ends)
         for found in ends:
             far = found.fit.square > limit or (limit < math.inf and found.fit.cost > beat.cost)
@@ -174,9 +177,9 @@ class Ranking:
         best = min((one.fit for one in found), key=lambda one: one.cost, default=None)
         if best is None or math.isinf(best.way):
             return NOBODY
-        settings, comparison = self.settings.selecting, best.comparison
-        never = -2 * math.log((1 - comparison.credible) * comparison.beyond) / weight_of([best])
-        near, part = settings.close + settings.close_part * best.square + never, settings.explains_some
+        settings = self.settings.selecting
+        near = settings.close + settings.close_part * best.square + _never(best)
+        part = settings.explains_some
         pairs = (best.way, state.fit.way), (best.cost, state.fit.cost)
         return Beat(*(here + max(near, part * (before - here)) for here, before in pairs))
 
@@ -219,39 +222,6 @@ class Ranking:
         n_told = int((state.fit.told > 0).sum())
         return drawn(2 * target.measured.numel(), n_told)
 
-    def _at_the_place(
-        self, state: State, hypotheses: Sequence[Hypothesis], everyone: Sequence[Candidate]
-    ) -> list[Hypothesis]:
-        """What else may sit where the best does, from there and with the rest of the model as it is beside that.
-
-        A soft patch moves the peaks nearly as a mass at its middle does, which is found from farther away. Where the
-        best leaves noise, only what is simpler is asked: an absorber that stays with the plate is a mass.
-        """
-        best = min(hypotheses, key=lambda one: one.cost, default=None)
-        if best is None or not best.candidate.has_place or not best.fit.by_noise:
-            return []
-        enough = is_noise(best.fit)
-        if best.fit.square > self.settings.selecting.explains_much * state.fit.square:
-            return []
-        values = best.fit.model.as_dict(best.fit.theta)
-        place = values[f"{best.label}.x"], values[f"{best.label}.y"]
-        theta = torch.tensor([values[name] for name in state.model.names]).to(best.fit.theta)
-        found, settings, about = [best], self.settings.searching, best.fit.about
-        for one in everyone:
-            if not one.has_place or one.name == best.name:
-                continue
-            if enough and one.name not in best.candidate.effect.contains:
-                continue
-            label = new_label(state.model, one.name)
-            whole = with_candidate(state.model, label, one)
-            members = [
-                start_of(whole, theta, state.model, own, label) for own in spread_at(one, *place, settings.n_spread)
-            ]
-            starts = nearest(self.builder, self.prior, whole, torch.stack(members), about)
-            limit = settings.hopeless * min(other.fit.square for other in found)
-            found.append(self.refits.refit(state, one, label, starts, limit, about, beat=self._beat(state, found)))
-        return found[1:]
-
     def _again(self, state: State) -> list[Hypothesis]:
         """What came near in the ranking before, beside what was named there, from where it ended."""
         if state.ranked is None or state.previous is None or is_noise(state.fit):
@@ -275,15 +245,19 @@ class Ranking:
     def _run_off(self, state: State, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Those close to the best once more, each with the mesh error taken off where it ended.
 
-        Where more than noise is left, the best go on as long as that takes them further: valleys are narrow.
+        Where more than noise is left and no specimen is fitted too, the best go on as long as that takes them further:
+        valleys are narrow.
         """
         settings = self.settings.selecting
         found = sorted(hypotheses, key=lambda one: one.cost)
         for _ in range(settings.n_run_off if self.builder.target.trusts_the_noise and found else 0):
             least = found[0].cost
-            within = settings.close + settings.close_part * found[0].fit.square
+            # Beside a specimen that is fitted too, ways to one end agree to a few.
+            fitted_too = self.builder.target.wandering != UNIFORM
+            apart = settings.close + settings.close_part * found[0].fit.square
+            within = _never(found[0].fit) if fitted_too else apart
             close = [one for one in found if one.cost - least < within]
-            if not is_noise(found[0].fit):
+            if not is_noise(found[0].fit) and not fitted_too:
                 close = found[: max(settings.n_best, len(close))]
             if len(close) < 2:
                 break
@@ -297,3 +271,9 @@ class Ranking:
             if least - found[0].cost < within:
                 break
         return found
+
+
+def _never(best: Fit) -> float:
+    """How much less probable, in −2 ln L, a hypothesis has to be for never being the equivalent of the best."""
+    comparison = best.comparison
+    return -2 * math.log((1 - comparison.credible) * comparison.beyond) / weight_of([best])

@@ -1,0 +1,93 @@
+"""What else may be there instead of the best: at its place, or all over the plate as it is."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from torchplate.diagnosis.candidates.candidate import Candidate
+from torchplate.diagnosis.candidates.trials import spread_at
+from torchplate.diagnosis.fit import Beat
+from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
+from torchplate.diagnosis.problem import Prior
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
+from torchplate.diagnosis.selection.refit import Refits
+from torchplate.diagnosis.selection.screen import new_label, screen, start_of
+from torchplate.diagnosis.selection.starts import nearest
+from torchplate.diagnosis.selection.trace import State
+
+
+class Instead:
+    """Refits of what may be taken for the best.
+
+    Args:
+        builder: builds and evaluates the models.
+        prior: what is known of the given model's parameters beforehand.
+        refits: of candidates.
+    """
+
+    def __init__(self, builder: ModelBuilder, prior: Prior, refits: Refits) -> None:
+        self.builder, self.prior, self.refits = builder, prior, refits
+        self.settings = builder.target.settings
+
+    def of(self, state: State, best: Hypothesis, everyone: Sequence[Candidate], beat: Beat) -> list[Hypothesis]:
+        """Others, refitted from where the best ended with the rest of the model as it is beside that.
+
+        Args:
+            state: without it.
+            best: of the hypotheses, which explains much of what is left.
+            everyone: the candidates.
+            beat: what a fit has to come near for being followed to its end.
+        """
+        if not best.fit.by_noise or best.fit.square > self.settings.selecting.explains_much * state.fit.square:
+            return []
+        values = best.fit.model.as_dict(best.fit.theta)
+        theta = torch.tensor([values[name] for name in state.model.names]).to(best.fit.theta)
+        place = (values[f"{best.label}.x"], values[f"{best.label}.y"]) if best.candidate.has_place else None
+        ways = self._all_over(state, best, everyone, theta) if place is None else self._at(state, best, everyone, place)
+        found, about = [best], best.fit.about
+        for one, label, members in ways:
+            whole = with_candidate(state.model, label, one)
+            starts = torch.stack([start_of(whole, theta, state.model, own, label) for own in members])
+            starts = nearest(self.builder, self.prior, whole, starts, about)
+            limit = self.settings.searching.hopeless * min(other.fit.square for other in found)
+            found.append(self.refits.refit(state, one, label, starts, limit, about, beat=beat))
+        return found[1:]
+
+    def _at(
+        self, state: State, best: Hypothesis, everyone: Sequence[Candidate], place: tuple[float, float]
+    ) -> list[tuple[Candidate, str, list[dict[str, float]]]]:
+        """At its place, of all sizes.
+
+        A soft patch moves the peaks nearly as a mass at its middle does, which is found from farther away. Where the
+        best leaves noise, only what is simpler is asked: an absorber that stays with the plate is a mass.
+        """
+        enough = is_noise(best.fit)
+        found = []
+        for one in everyone:
+            if not one.has_place or one.name == best.name:
+                continue
+            if not enough or one.name in best.candidate.effect.contains:
+                some = [dict(own) for own in spread_at(one, *place, self.settings.searching.n_spread)]
+                found.append((one, new_label(state.model, one.name), some))
+        return found
+
+    def _all_over(
+        self, state: State, best: Hypothesis, everyone: Sequence[Candidate], theta: Tensor
+    ) -> list[tuple[Candidate, str, list[dict[str, float]]]]:
+        """All over the plate, where that promises there about what the best itself does.
+
+        Beside a model that lacks it, and a specimen that has taken on some of it, its twin may promise nothing.
+        """
+        without = self.builder.reduced(state.fit.model, theta[None])
+        without = self.builder.target.specimen(without, theta, best.fit.about)
+        alike = [one for one in everyone if not one.has_place and one.searched]
+        scored = screen(self.builder, without, theta, alike, self.prior)
+        own = max((one.drop for one in scored if one.candidate.name == best.name), default=0.0)
+        found = []
+        for one in scored:
+            if one.candidate.name != best.name and one.drop >= self.settings.selecting.explains_much * own:
+                starts = [one.model.as_dict(one.model.space.to_si(start)) for start in one.starts]
+                some = [{key: values[f"{one.label}.{key}"] for key in one.candidate.searched} for values in starts]
+                found.append((one.candidate, new_label(state.model, one.candidate.name), some))
+        return found
