@@ -122,9 +122,10 @@ def test_how_well_a_specimen_is_known_hangs_on_no_interval(workshop):
 
 @torch.no_grad()
 def test_what_cannot_get_near_is_left_soon(workshop, monkeypatch):
-    """At the rate of its last part, in all the parts that are left: one that can goes on."""
+    """At the rate of its last part, in as many as it may be hoped to go on so: one that can goes on."""
     builder, joint = workshop.builder, workshop.joint
-    position, n_part = builder.given.space.to_cube(TRUTH), builder.target.settings.fitting.n_way
+    position, settings = builder.given.space.to_cube(TRUTH), builder.target.settings.fitting
+    n_part, hoped = settings.n_way, settings.hoped
     marginal, _ = joint._judged(position, workshop.shift, None)
     costs: list[float] = []
 
@@ -137,8 +138,8 @@ def test_what_cannot_get_near_is_left_soon(workshop, monkeypatch):
     monkeypatch.setattr(Joint, "descend", lambda _, where, shift, *__: (where, shift, 1.0))
     for beat, hopeless, n in (
         # Ten for each part, of which one is judged before the first.
-        (-10.0 * n_part, 3.0, 1 + n_part),
-        (-10.0 * n_part - 5.0, 3.0, 2),
+        (-10.0 * (1 + hoped), 3.0, 1 + n_part),
+        (-10.0 * (1 + hoped) - 5.0, 3.0, 2),
         # A sum of squares that no longer falls, and is too large.
         (math.inf, 1.0, 2),
     ):

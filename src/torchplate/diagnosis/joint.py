@@ -157,7 +157,8 @@ class Joint:
         for left in reversed(range(settings.n_way)):
             *end, half = self.descend(*here, sharp, n_iteration, settings.damping, louder, channels)
             half *= noise
-            # At this rate it would not get there in all the parts that are left.
+            # At this rate it would not get there in as many parts as it may be hoped to go on so.
+            left = min(left, settings.hoped)
             if 2 * (half - left * max(0.0, value - half)) > self.hopeless:
                 value = min(value, half)
                 break

@@ -98,6 +98,7 @@ class Fitting:
         moved: or part of a peak's width by which the section has to move a mode [-].
         little: fall of −2 ln L that is worth no further time [-].
         n_way: parts of the way of parameters and specimen together, at most [-]: linear nuisances anew at each.
+        hoped: parts that may each lead as far as the last did [-]: falls shrink on the way to a minimum.
         parts: of each that are tried, one after another, until one leads down [-].
         far: part of the misfit by which it has to fall for the variance to stay as it is [-].
         still: part by which FRFs may move before what a specimen does to them is found anew [-]: a step of least
@@ -120,6 +121,7 @@ class Fitting:
     moved: float = 0.3
     little: float = 1.0
     n_way: int = 16
+    hoped: int = 4
     parts: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1, 0.03)
     far: float = 0.1
     still: float = 0.05
