@@ -232,3 +232,17 @@ def test_each_number_of_an_effect_is_tried_alone(name):
     assert alone == rest.keys()
     # One that changes nothing is no trial.
     assert all(any(trial.values[key] != rest[key] for key in rest) for trial in one.far)
+
+
+def test_a_number_that_was_said_to_be_known_may_be_what_is_wrong():
+    """Sides to 0.3 mm of a plate whose drawing is of another: but not a ratio that is looked for in any case."""
+    model = plate({"grain.young_ratio": Searched(0.7, 0.9)})
+    effects = {**model.effects, "sides": CATALOGUE["aspect_ratio"]()}
+    searched = {"sides.ratio": Searched(0.998, 1.002)}
+    beside = PlateModel(model.mesh, effects, KNOWN, searched, list(CHANNELS.response), list(CHANNELS.reference))
+    theta = torch.tensor([1.0], dtype=torch.float64)
+    assert "aspect_ratio" not in names(candidates(beside, theta, CHANNELS))
+    told = [one for one in candidates(beside, theta, CHANNELS, told=["sides.ratio"]) if one.name == "aspect_ratio"]
+    assert [set(one.searched) for one in told] == [{"ratio"}]
+    # Beside what it was said to be known to.
+    assert told[0].searched["ratio"].low < 0.95

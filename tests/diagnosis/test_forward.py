@@ -360,3 +360,17 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
     # Nor if both explain no more than none does.
     both = replace(both, fit=far)
     assert selection._two_that_promise(state, [ranked(0.6, 0.3, 0.1)], 3) is None
+
+
+@torch.no_grad()
+def test_where_oversized_nuisances_leave_noise_squares_do_not_say_what_explains_something(lab):
+    """A window that takes hundreds from −2 ln L, and one part in thirty from a sum of squares that is noise."""
+    scene = lab.Scene(hidden={"gain": 1.0})
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    hypothesis, n = scene.hypothesis("sensor_gain"), scene.fit.judged.n
+    near, less = (lab.leaving(scene.fit, times * n) for times in (0.97, 0.94))
+    assert selection._explains_some(near, replace(hypothesis, fit=less))
+    assert selection._explains_some(near, replace(hypothesis, fit=less), by_cost=True)
+    # Far from noise a thirtieth is little.
+    far, less = (lab.leaving(scene.fit, times * n) for times in (97.0, 94.0))
+    assert not selection._explains_some(far, replace(hypothesis, fit=less), by_cost=True)
