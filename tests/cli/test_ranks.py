@@ -42,7 +42,7 @@ class Launched:
 
     def end(self) -> tuple[list[int], list[str], list[str]]:
         """Exit status, stdout and stderr of each process that was started here."""
-        said = [process.communicate(timeout=60) for process in self.processes]
+        said = [process.communicate(timeout=240) for process in self.processes]
         return [process.returncode for process in self.processes], [out for out, _ in said], [err for _, err in said]
 
 

@@ -40,6 +40,15 @@ def during(monkeypatch):
     return arrange
 
 
+@pytest.fixture
+def interruptible():
+    """A shell that starts the tests in the background has them ignore an interrupt."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_in_a_sentence_and_the_run_goes_on_to_the_same_result(
     bench, make_config, command, during, monkeypatch, number, status

@@ -120,7 +120,7 @@ class Fitting:
     smaller: float = 0.5
     moved: float = 0.3
     little: float = 1.0
-    n_way: int = 16
+    n_way: int = 12
     hoped: int = 4
     parts: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1, 0.03)
     far: float = 0.1
