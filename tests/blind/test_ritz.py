@@ -70,6 +70,7 @@ def test_four_spans_more_change_no_frf_beyond_a_tenth_of_the_least_noise(name):
     assert np.linalg.norm(coarse - fine) < 4e-4 * np.linalg.norm(fine)
 
 
+@pytest.mark.check
 def test_reciprocity_holds_with_all_damping():
     plate = replace(PLATE, patches=[Patch(0.3, 0.6, 0.2, 0.7, 0.3)], dashpots=[*PLATE.dashpots, (0.2, 0.7, 5.0)])
     places = [(0.25, 0.375), (0.75, 0.875)]
@@ -78,6 +79,7 @@ def test_reciprocity_holds_with_all_damping():
     np.testing.assert_allclose(H[:, 0, 1], H[:, 1, 0], rtol=1e-7)
 
 
+@pytest.mark.check
 def test_frfs_are_those_of_the_dynamic_stiffness():
     plate = replace(PLATE, patches=[Patch(0.3, 0.6, 0.3, 0.7, 0.5)], dashpots=[*PLATE.dashpots, (0.2, 0.7, 5.0)])
     test = Test([(0.25, 0.375)], [(0.75, 0.875)], np.linspace(5.0, 400.0, 15), "receptance")

@@ -224,6 +224,7 @@ class TestWholeOrNotAtAll:
         said_in_one_sentence(outcome, "config.yaml", "No space left", "Make room")
         assert not (bench.folder / "out" / "config.yaml").exists()
 
+    @pytest.mark.check
     def test_everything_in_a_runs_folder_is_written_that_way(self, bench, monkeypatch):
         monkeypatch.undo()
         written, own = [], writing.whole

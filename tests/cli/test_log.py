@@ -83,6 +83,7 @@ def layout(folder) -> dict[str, dict[str, list[str]]]:
     }
 
 
+@pytest.mark.check
 def test_no_curve_is_a_single_dot(searched, bench):
     polished = bench.run(ONE, {"search.n_generation": 1, "search.polish": True, "log.n_figure": 3}, out="polished")
     for folder in (*searched.values(), polished.folder):

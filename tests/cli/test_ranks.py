@@ -168,6 +168,7 @@ def test_sigterm_ends_the_run_with_its_checkpoint(bench, make_config, launch):
     assert err[0].rstrip().endswith("--resume")
 
 
+@pytest.mark.check
 def test_what_is_wrong_with_the_input_is_said_once_and_all_leave_with_2(bench, make_config, launch):
     path = bench.write(make_config(SEARCHED, {"mesh.n_x": 0}))
     status, out, err = launch(2, path, "--out", "out").end()
@@ -177,6 +178,7 @@ def test_what_is_wrong_with_the_input_is_said_once_and_all_leave_with_2(bench, m
     assert out == ["", ""]
 
 
+@pytest.mark.check
 def test_a_run_without_a_search_lets_the_others_go(bench, make_config, launch):
     path = bench.write(make_config())
     status, out, _ = launch(2, path, "--out", "out").end()

@@ -124,6 +124,7 @@ def test_a_fit_that_is_judged_again_costs_what_it_did(lab):
     assert again.fit.cost == pytest.approx(baseline.fit.cost, abs=1.0)
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_frfs_that_turn_out_to_agree_are_taken_in_again(lab, monkeypatch):
     """Or every effect would be held against a baseline that was not fitted to them."""

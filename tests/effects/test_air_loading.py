@@ -88,6 +88,7 @@ def test_a_base_that_moves_moves_the_air_too():
     torch.testing.assert_close(load, model.system(NONE).mass @ mesh.rigid_translation, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("edges", [{}, {"y1": "clamped"}], ids=["free", "clamped"])
 def test_sparse_matrices_answer_as_dense_ones_do(edges):
     model = build(Mesh(0.5, 0.3, 6, 4, edges=edges), SPRUCE, 1.2)

@@ -46,6 +46,7 @@ def test_rectangles_drag_what_is_tabulated(ratio: float, coefficient: float):
     assert of_translation(short, ratio * short) == pytest.approx(of_translation(ratio * short, short), rel=1e-9)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("waves", [(0, 0), (2, 0), (1, 1), (3, 2)], ids=str)
 def test_it_converges_with_the_square_of_the_panels(waves: tuple[int, int]):
     def energy(n_panel: int) -> float:

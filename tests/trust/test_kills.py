@@ -27,6 +27,7 @@ def killed(*arguments: object) -> None:
     assert same == commands
 
 
+@pytest.mark.check
 def test_a_run_that_is_killed_ends_as_the_undisturbed_one():
     killed("--verb", "run", "--kills", 1, "--generations", 6)
 
