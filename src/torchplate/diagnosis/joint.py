@@ -141,8 +141,8 @@ class Joint:
 
         A part ends with the channels as they are seen there, and is taken as far as all that is put in becomes more
         probable; one that does not lead down is taken again step by step. What the second order of the nuisances adds
-        to the noise stays as it is until the way has come to rest beside it: a variance that shrinks with every part
-        lifts the walls of the valley before the way is in it.
+        to the noise stays as it is as long as parts take much: a variance that shrinks with every part lifts the walls
+        of the valley before the way is in it.
 
         Args:
             position: of the parameters, on the unit cube.

@@ -71,9 +71,12 @@ class Marginal:
         # Levels that were found are taken off what was measured, noise and all: ln p is that of what was measured.
         of_level = self._power_of_levels(variance)
         variance = variance / of_level
+        plain = variance
+        if beside is not None:
+            variance = beside / of_level
+        elif nuisances is not None:
+            variance = variance + nuisances.second_order.variance(self.scale)
         if nuisances is not None:
-            of_second = nuisances.second_order.variance(self.scale)
-            plain, variance = variance, variance + of_second if beside is None else beside / of_level
             self._second_order = float((1 - plain / variance)[:, fitted].mean())
         self.variance = variance * of_level
         self.weight = torch.where(fitted, variance.rsqrt(), 0.0)
