@@ -34,7 +34,7 @@ from torchplate.effects import Effect
 from torchplate.measurement import PERFECT, Imperfections, Measurement, Noise
 from torchplate.model import PlateModel
 
-# Of a drift, by which what it makes of FRFs is differentiated [-]: a hundredth of the width of a peak at a loss factor of 1e-4.
+# Of a drift, by which what it makes of FRFs is differentiated [-]: a hundredth of a peak's width where 1e-4 is lost.
 STEP = 1e-6
 
 
