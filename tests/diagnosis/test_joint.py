@@ -150,6 +150,57 @@ def test_what_cannot_get_near_is_left_soon(workshop, monkeypatch):
 
 
 @torch.no_grad()
+@pytest.mark.parametrize(("left", "n"), [(3.0, 6), (1.5, 13)])
+def test_a_way_that_leads_round_is_left_and_ends_where_it_was_best(workshop, monkeypatch, left, n):
+    """Far off, every part leads down beside as much noise as is left, and no place becomes more probable.
+
+    Near the noise that is no reason to stop.
+    """
+    builder = workshop.builder
+    start = builder.given.space.to_cube(TRUTH)
+    marginal, _ = workshop.joint._judged(start, workshop.shift, None)
+    places = [start + 0.01 * k for k in range(20)]
+    costs = [1e6, 9e5, 5e5, *(6e5 + 1e3 * k for k in range(20))]
+    turn: list[float] = []
+
+    def judged(*_):
+        turn.append(costs[len(turn)])
+        return marginal, turn[-1]
+
+    monkeypatch.setattr(Joint, "_judged", judged)
+    monkeypatch.setattr(Joint, "_louder", lambda *_: (marginal, left))
+    monkeypatch.setattr(Joint, "_lower", lambda *_: ((places[len(turn)], workshop.shift), None, 10.0, 1e3))
+    monkeypatch.setattr(Joint, "descend", lambda _, where, shift, *__: (where, shift, 1.0))
+    ended = Joint(builder, builder.given, workshop.specimens, {}).descend_sharply(start, workshop.shift)
+    # The third is the best, and three more are given to it.
+    assert len(turn) == n
+    assert torch.equal(ended.position, places[2 if n == 6 else n - 1])
+    assert ended.cost == (5e5 if n == 6 else costs[n - 1])
+
+
+@torch.no_grad()
+def test_what_was_evaluated_a_moment_ago_is_not_evaluated_again(workshop, monkeypatch):
+    """It counts all the same, so that a fit that is gone on with has the same numbers."""
+    builder, position = workshop.builder, workshop.builder.given.space.to_cube(TRUTH)
+    joint = Joint(builder, builder.given, workshop.specimens, {})
+    marginal, cost = joint._judged(position, workshop.shift, None)
+    asked: list[int] = []
+    inner = FrfTarget.predict
+    monkeypatch.setattr(FrfTarget, "predict", lambda *given: asked.append(1) or inner(*given))
+    before = builder.n_evaluation
+    residual = joint._residual(position, workshop.shift, None, builder.target.levels - 1, marginal)
+    assert joint._judged(position, workshop.shift, None)[1] == cost
+    assert not asked
+    assert builder.n_evaluation == before + 2
+    anew = Joint(builder, builder.given, workshop.specimens, {})
+    again = anew._residual(position, workshop.shift, None, builder.target.levels - 1, marginal)
+    assert torch.equal(again, residual)
+    moved = joint._residual(position + 1e-3, workshop.shift, None, builder.target.levels - 1, marginal)
+    assert not torch.equal(moved, residual)
+    assert len(asked) == 2
+
+
+@torch.no_grad()
 def test_a_fit_that_is_beaten_ends_in_its_first_basis_unless_its_nuisances_say_otherwise(workshop):
     builder = workshop.builder
     start = builder.given.space.to_cube(TRUTH)[None]

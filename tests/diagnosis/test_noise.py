@@ -1,5 +1,6 @@
 """The noise that is found is the noise that was added."""
 
+import dataclasses
 import math
 
 import pytest
@@ -127,6 +128,27 @@ def test_a_noisy_frf_keeps_its_noise_to_itself(lab):
     gap = math.sqrt(2) * found.std.norm(dim=0)[0] / frf.norm(dim=0)[0]
     assert gap.tolist() == pytest.approx(share.tolist(), rel=0.12)
     assert "1 of 8 FRFs" in found.sentences[0]
+
+
+def test_lines_that_stand_out_alone_are_no_resonances(lab):
+    """A drift of the record moves the peaks, and no line that was hit by something else."""
+    frf = without_noise(lab, "oblong", 3e-3, 0.5)
+    std = lab.true_std(frf, 0.01, "mixed")
+    clean, _ = measurement(lab, frf, std, 5)
+    lines = torch.arange(60, len(frf) - 40, 97)
+    hit = lab.noise_of(std, 6)[lines]
+    dirty = clean.frf.clone()
+    dirty[lines] += 40 * std[lines] * hit / hit.abs()
+    found = [noise_level(one).resonances for one in (clean, dataclasses.replace(clean, frf=dirty))]
+    assert len(found[1].pole) <= len(found[0].pole) + 1
+
+    def moved(resonances, drift):
+        return resonances.moved(clean.frequency, torch.full(frf.shape[1:], drift).to(std))
+
+    # As large as between records of a careful test, and in proportion to it.
+    small, large = (moved(found[1], drift) for drift in (2e-5, 2e-4))
+    assert float((large - 10 * small).norm()) < 0.2 * float(large.norm())
+    assert float((large - moved(found[0], 2e-4)).norm()) < 0.2 * float(large.norm())
 
 
 def test_without_noise_next_to_none_is_found(lab):

@@ -87,3 +87,15 @@ def test_one_by_one_is_what_a_matrix_of_the_same_diagonal_gives(rayleigh, monkey
     found = model.frf(theta, LINES)
     monkeypatch.setattr(modal_receptance, "_is_diagonal", lambda _: False)
     assert off(model.frf(theta, LINES), found) < 1e-9
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("n_member", [1, 5])
+def test_modes_are_summed_alike_in_any_number_of_lines(n_member, monkeypatch):
+    """Few lines of many members, many of few."""
+    model = build().without_coupling()
+    theta = torch.tensor([[0.01, 0.4]], dtype=torch.float64) * torch.linspace(1.0, 2.0, n_member).to(LINES)[:, None]
+    found = model.frf(theta, LINES)
+    for name in ("LINES_AT_ONCE", "LINES_OF_ALL"):
+        monkeypatch.setattr(modal_receptance, name, 7)
+    assert torch.allclose(model.frf(theta, LINES), found, rtol=1e-12, atol=0.0)

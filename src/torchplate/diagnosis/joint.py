@@ -69,6 +69,7 @@ class Joint:
         self.target, self.settings = builder.target, builder.target.settings.fitting
         self.scale, self.hopeless, self.beat = dict(scale or {}), hopeless, beat
         self._before: tuple[Tensor, Tensor, Marginal | None, int] | None = None
+        self._recent: list[tuple[Tensor, Tensor, OfChannels | None, Tensor]] = []
         self.std = model.known.new_tensor([self.scale.get(name, 1.0) for name in specimens.names])
 
     def descend(
@@ -154,6 +155,7 @@ class Joint:
         value, n_iteration, held = math.inf, settings.n_together, False
         marginal, cost = self._judged(*here, channels)
         louder, noise = self._louder(here, channels, marginal)
+        best, costs = (cost, here, channels, marginal), [cost]
         for left in reversed(range(settings.n_way)):
             *end, half = self.descend(*here, sharp, n_iteration, settings.damping, louder, channels)
             half *= noise
@@ -177,9 +179,17 @@ class Joint:
             marginal, after = self._judged(*here, channels, marginal if held else None)
             louder, noise = self._louder(here, channels, marginal)
             behind, cost = after - left * max(0.0, cost - after) > self.beat, after
-            if behind or (not held and fallen < max(settings.little, 2 * settings.tolerance * value / noise)):
+            if cost < best[0]:
+                best = cost, here, channels, marginal
+            costs.append(best[0])
+            # Far off, where all that is left is taken for noise, ways lead round and round.
+            fell = costs[-1 - settings.patience] - best[0] if len(costs) > settings.patience else math.inf
+            lost = noise > settings.lost and fell < settings.far * (noise - 1) * marginal.n
+            if behind or lost or (not held and fallen < max(settings.little, 2 * settings.tolerance * value / noise)):
                 break
         self._before = None
+        if noise > settings.lost:
+            cost, here, channels, marginal = best
         slope = self._jacobian(*here, channels, sharp, marginal)
         # Of the specimen where the parameters are what they are: what is not linear in it alone is what it adds.
         own = slope[:, len(position) :]
@@ -251,7 +261,7 @@ class Joint:
         problem, theta = self._problem(shift, channels, marginal), self.model.space.to_si(position)
         prior = problem.told(theta).square().sum() + (shift / self.std).square().sum()
         about = None if channels is None else self._about(channels)
-        return self.target.off(self.builder.predict(problem.model, theta), about), float(prior)
+        return self.target.off(self._predicted(problem, theta, shift, channels), about), float(prior)
 
     def _misfit(self, place: Place, channels: OfChannels | None, marginal: Marginal) -> float:
         """−2 ln of the posterior probability of all that is put in, beside noise and nuisances about another place."""
@@ -279,6 +289,20 @@ class Joint:
         nothing = self.std.new_zeros(0)
         return Found(nothing, nothing[:, None], channels)
 
+    def _predicted(
+        self, problem: Problem, theta: Tensor, shift: Tensor, channels: OfChannels | None, level: int | None = None
+    ) -> Tensor:
+        """FRFs of a specimen; those of the last few are asked for again, by a Jacobian or beside other nuisances."""
+        if level is not None and level < self.target.levels - 1:
+            return problem.predict(theta, level)
+        for *before, found in self._recent:
+            if before[2] is channels and torch.equal(before[0], theta) and torch.equal(before[1], shift):
+                self.builder.count(1)
+                return found
+        found = self.builder.predict(problem.model, theta)
+        self._recent = [(theta, shift, channels, found), *self._recent[:3]]
+        return found
+
     def _problem(self, shift: Tensor, channels: OfChannels | None, marginal: Marginal | None) -> Problem:
         return Problem(self.builder, self.specimens.at(shift, channels), self.prior, marginal)
 
@@ -289,7 +313,9 @@ class Joint:
     def _residual(
         self, position: Tensor, shift: Tensor, channels: OfChannels | None, level: int, marginal: Marginal | None
     ) -> Tensor:
-        found = self._problem(shift, channels, marginal).residual(position, level)
+        problem, theta = self._problem(shift, channels, marginal), self.model.space.to_si(position)
+        prediction = self._predicted(problem, theta, shift, channels, level)
+        found = problem.deviations(prediction, theta, level)
         return torch.cat([found, self._weight(level, len(found)) * shift / self.std])
 
     def _jacobian(
@@ -302,7 +328,7 @@ class Joint:
             return problem.residual(where, level)
 
         theta = self.model.space.to_si(position)
-        prediction = problem.predict(theta, level)
+        prediction = self._predicted(problem, theta, shift, channels, level)
         here = problem.deviations(prediction, theta, level)
         found = here.new_zeros(len(here) + len(shift), n + len(shift))
         if n:

@@ -7,7 +7,7 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 from torch.nn.functional import pad
 
-from torchplate.model import Modes, PlateModel, modal_denominator, modal_impedance, own_damping, solve_modes
+from torchplate.model import Modes, PlateModel, modal_denominator, modal_impedance, own_damping, reciprocal, solve_modes
 from torchplate.plate import Plan
 
 # Up to this multiple of the band's end a mode that moves is seen to move: higher ones answer as a spring does.
@@ -23,6 +23,7 @@ class Modal(NamedTuple):
         kappa: what λ is times in the denominator.
         damping: the part of the denominator that damps [rad²/s²].
         denominator: z.
+        inverse: 1 / z.
         bare: z without what is attached at places.
         attached: Φ there.
         force: dynamic stiffness there [N/m].
@@ -37,6 +38,7 @@ class Modal(NamedTuple):
     kappa: Complex[Tensor, "n_frequency n_mode"]
     damping: Complex[Tensor, "n_frequency n_mode"]
     denominator: Complex[Tensor, "n_frequency n_mode"]
+    inverse: Complex[Tensor, "n_frequency n_mode"]
     bare: Complex[Tensor, "n_frequency n_mode"]
     attached: Float[Tensor, "n_attached n_mode"]
     force: Complex[Tensor, "n_attached n_frequency"]
@@ -68,12 +70,15 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
     n_low = int((eigenvalue < (REACH * float(laplace.imag.max())) ** 2).sum())
     kappa = kappa[:, None].expand_as(denominator)
     damping = denominator - plain
-    return Modal(eigenvalue, shape, kappa, damping, denominator, bare, attached, force, own, left, right, n_low)
+    inverse = reciprocal(denominator)
+    return Modal(
+        eigenvalue, shape, kappa, damping, denominator, inverse, bare, attached, force, own, left, right, n_low
+    )
 
 
 def responses(modal: Modal, rows: Float[Tensor, "n_row n_mode"]) -> Complex[Tensor, "n_frequency n_row n_mode"]:
     """Rows times Z⁻¹ at every line; what is attached at places couples the modes (Woodbury)."""
-    each = 1 / modal.bare
+    each = reciprocal(modal.bare)
     if not len(modal.attached):
         return rows * each[:, None]
     attached, force = modal.attached, modal.force.mT
@@ -92,7 +97,7 @@ def _over(each: Tensor, left: Tensor, right: Tensor) -> Complex[Tensor, "n_frequ
 
 def sum_of_modes(modal: Modal, left: Tensor, right: Tensor, weight: Tensor | None = None) -> Tensor:
     """Σ_m l_m r_m weight_m / z_m at every line, for all pairs of rows."""
-    return _over((1 if weight is None else weight) / modal.denominator, left, right)
+    return _over(modal.inverse if weight is None else weight * modal.inverse, left, right)
 
 
 def of_modes(
@@ -100,7 +105,7 @@ def of_modes(
 ) -> Complex[Tensor, "n_some n_frequency n_response n_reference"]:
     """What a change of some modes' denominators does to the receptances, each alone."""
     outer = modal.left[:, None, modes] * modal.right[None, :, modes]
-    each = -change / modal.denominator[:, modes].square()
+    each = -change * modal.inverse[:, modes].square()
     return each.mT[:, :, None, None] * outer.movedim(-1, 0)[:, None]
 
 

@@ -159,7 +159,7 @@ def nuisances(
         # A file does not say whether sensors or hits were moved from record to record.
         if drifting is None:
             moved = 2 * drift * modal.eigenvalue * modal.kappa
-            drifted = to_reading(-sum_of_modes(modal, modal.left, modal.right, moved / modal.denominator))
+            drifted = to_reading(-sum_of_modes(modal, modal.left, modal.right, moved * modal.inverse))
         else:
             drifted = drift * drifting
         for count, part, what in ((n_response, own, of_response), (n_reference, other, of_reference)):

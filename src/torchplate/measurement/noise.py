@@ -31,6 +31,8 @@ MOTIONS: Final = ("displacement", "velocity", "acceleration")
 ORDER: Final = {"receptance": 0, "mobility": 1, "accelerance": 2}
 # A coherence-based noise is not believed if it is below the scatter over the lines by more than this factor.
 DISAGREEMENT: Final = 2.0
+# Lines that the fraction of an outlier stands out at: its own, or those on either side of it.
+N_ALONE: Final = 2
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class Noise:
         floor: mean over FRFs of √(Σ 2 std²) / ‖H‖ [-]: what noise alone makes the gap.
         sentences: where the numbers come from.
         slope: |dH/df| of the resonances found, between lines too [unit of the FRFs per Hz]; 0 where none were sought.
-        resonances: these; None where none were sought.
+        resonances: these, without what stands out at a line or two alone; None where none were sought.
     """
 
     std: Float[Tensor, "n_frequency n_response n_reference"]
@@ -148,6 +150,8 @@ def _from_smoothness(
         f"{kinds}{own}."
     )
     pole, residue, polynomial = fit.fractions
+    seen = fit.has_width & _resonates(line, pole, residue * scale, variance)
+    pole, residue = pole[seen], residue[seen]
     return _Scatter(
         variance,
         smooth * scale,
@@ -156,6 +160,24 @@ def _from_smoothness(
         lambda other: fit.times(2 * other / scale.square()),
         (pole, residue * scale, polynomial * scale),
     )
+
+
+def _resonates(
+    line: Float[Tensor, " n_line"],
+    pole: Complex[Tensor, " n_pole"],
+    residue: Complex[Tensor, "n_pole n_frf"],
+    variance: Float[Tensor, "n_line n_frf"],
+) -> Bool[Tensor, " n_pole"]:
+    """Whether a fraction is a resonance: one of a line or two alone is an outlier, and moves with no drift.
+
+    Beside these two lines a resonance leaves more than noise gives free residues: one in each FRF, over its variance.
+    """
+    found = []
+    for one, own in zip(pole, residue, strict=True):
+        square = (own / (one - line.square()[:, None])).abs().square() / (2 * variance.clamp(min=1e-300))
+        each = square.sum(1)
+        found.append(each.sum() - each.topk(min(N_ALONE, len(each))).values.sum() > residue.shape[1])
+    return torch.stack(found) if found else pole.imag > 0
 
 
 def _floors(kind: str, line: Float[Tensor, " n_line"]) -> dict[str, Float[Tensor, " n_line"]]:

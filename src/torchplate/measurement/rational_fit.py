@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from torchplate.measurement.noise_regression import (
@@ -42,6 +42,8 @@ CERTAIN: Final = 20.0
 # Where a new pole goes, in line spacings from its line; and the part of its width within which one is there already.
 BESIDE: Final = (0.0, 0.4, -0.4)
 ALIKE: Final = 0.01
+# A pole is this part of the line spacing wide at least: what is narrower is any width to the lines.
+NARROWEST: Final = 1e-4
 # Lines for each pole at least, where there are plenty; and where there are not: two thirds still tell the noise.
 PER_POLE: Final = 6
 FEWEST: Final = 3
@@ -111,6 +113,12 @@ class RationalFit:
         basis, n_pole = self.final, len(self.pole)
         amplitude = torch.linalg.solve_triangular(basis.upper, basis.q.mH @ self.target, upper=True)
         return self.pole, amplitude[:n_pole] / basis.norm[:, None], amplitude[n_pole:]
+
+    @property
+    def has_width(self) -> Bool[Tensor, " n_pole"]:
+        """Whether a pole is wider than a pole has to be."""
+        place = self.pole.real.clamp(min=0.0).sqrt().clamp(min=self.step)
+        return self.pole.imag > 4 * NARROWEST * place * self.step
 
     @property
     def slope(self) -> Float[Tensor, "n_line n_frf"]:
@@ -221,7 +229,7 @@ class RationalFit:
         most = 4 * place * self.step + 2 * pole.imag
         size = change.abs().clamp(min=1e-300)
         new = pole + change * (most / size).clamp(max=1.0)
-        return torch.complex(new.real, new.imag.clamp(min=2e-4 * place * self.step))
+        return torch.complex(new.real, new.imag.clamp(min=2 * NARROWEST * place * self.step))
 
     def _reach(
         self, variance: Float[Tensor, "n_line n_column"]

@@ -6,6 +6,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from torchplate.model import reciprocal
+
 
 @dataclass(frozen=True, eq=False)
 class Resonances:
@@ -45,9 +47,10 @@ class Resonances:
             drift: δ, relative rise of all natural frequencies in that record [-].
         """
         found, here = self.residue.new_zeros(len(frequency), *drift.shape), self._columns(frequency)
+        rows = self._rows
         for one in drift.unique().tolist():
             which = drift == one
-            found[:, which] = (self._columns(frequency * (1 + one)) - here) @ self._rows[:, which]
+            found[:, which] = (self._columns(frequency * (1 + one)) - here) @ rows[:, which]
         return found
 
     @property
@@ -62,4 +65,4 @@ class Resonances:
         columns = [torch.ones_like(x), x]
         while len(columns) < len(self.smooth):
             columns.append(2 * x * columns[-1] - columns[-2])
-        return torch.cat([1 / (self.pole - place.square()[:, None]), torch.stack(columns, dim=-1)], dim=1)
+        return torch.cat([reciprocal(self.pole - place.square()[:, None]), torch.stack(columns, dim=-1)], dim=1)

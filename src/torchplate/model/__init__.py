@@ -33,7 +33,7 @@ from torchplate.model.frf import DERIVATIVE, as_kind, laplace_lines, sensor_chai
 from torchplate.model.gradient import modal_impedance
 from torchplate.model.impedance import own_damping
 from torchplate.model.modal_receptance import modal_denominator
-from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, modal_sum
+from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, modal_sum, reciprocal
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes, whiten
 from torchplate.model.modes_at import ModesAt, modes_at
 from torchplate.model.parameter_space import ParameterSpace
@@ -73,6 +73,7 @@ __all__ = [
     "on_mesh",
     "own_damping",
     "plate_mass",
+    "reciprocal",
     "reduce",
     "ritz_basis",
     "sensor_chain",

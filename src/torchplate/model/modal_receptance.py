@@ -23,6 +23,9 @@ from torchplate.plate import Proportional, is_vmapped
 
 # Impedances solved at once, so that they stay in the cache [bytes].
 IN_CACHE = 4 * 2**20
+# Lines of all members together whose uncoupled modes are summed at once: of few members, fewer steps cost less than what
+# leaves the cache.
+LINES_OF_ALL = 6400
 
 
 class ModalSystem(NamedTuple):
@@ -153,10 +156,11 @@ def _by_uncoupled_modes(system: ModalSystem, own_loss: Tensor, response: Tensor,
     left, right = stack_rows(system.dashpot, response), stack_rows(system.dashpot, reference)
     pairs = (left[..., :, None, :] * right[..., None, :, :]).flatten(-3, -2)
     parts = []
-    for part in system.stretches():
+    n_member = torch.broadcast_shapes(system.eigenvalue.shape[:-1], own_loss.shape[:-1], pairs.shape[:-2]).numel()
+    for part in system.split(max(LINES_AT_ONCE, LINES_OF_ALL // n_member)):
         real, imaginary = part.denominator()
         imaginary = imaginary + own_loss[..., None, :]
-        scale = 1 / torch.addcmul(imaginary * imaginary, real, real)
+        scale = torch.addcmul(imaginary * imaginary, real, real).reciprocal_()
         found = torch.complex(pairs @ (real * scale).mT, -(pairs @ (imaginary * scale).mT))
         parts.append(_with_dashpots(found, left, right, part.force))
     return joined(parts, -1).movedim((0, 1), (-2, -1))

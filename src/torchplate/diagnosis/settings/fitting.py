@@ -101,6 +101,9 @@ class Fitting:
         hoped: parts that may each lead as far as the last did [-]: falls shrink on the way to a minimum.
         parts: of each that are tried, one after another, until one leads down [-].
         far: part of the misfit by which it has to fall for the variance to stay as it is [-].
+        lost: times the variance of the noise that is left from which on ways may lead round and round [-]: more is
+            left than is noise.
+        patience: parts in which such a way has to become more probable by `far` of what it is off [-].
         still: part by which FRFs may move before what a specimen does to them is found anew [-]: a step of least
             squares errs by no more than its Jacobian.
         farthest: a term of a section is put into the model with so many standard deviations at most [-]: a twentieth
@@ -124,6 +127,8 @@ class Fitting:
     hoped: int = 4
     parts: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1, 0.03)
     far: float = 0.1
+    lost: float = 2.0
+    patience: int = 3
     still: float = 0.05
     farthest: float = 10.0
 
