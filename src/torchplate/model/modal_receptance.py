@@ -23,8 +23,8 @@ from torchplate.plate import Proportional, is_vmapped
 
 # Impedances solved at once, so that they stay in the cache [bytes].
 IN_CACHE = 4 * 2**20
-# Lines of all members together whose uncoupled modes are summed at once: of few members, fewer steps cost less than what
-# leaves the cache.
+# Lines of all members together whose uncoupled modes are summed at once: of few members, fewer steps cost less than
+# what leaves the cache.
 LINES_OF_ALL = 6400
 
 
