@@ -295,8 +295,8 @@ class Joint:
         """FRFs of a specimen; those of the last few are asked for again, by a Jacobian or beside other nuisances."""
         if level is not None and level < self.target.levels - 1:
             return problem.predict(theta, level)
-        for *before, found in self._recent:
-            if before[2] is channels and torch.equal(before[0], theta) and torch.equal(before[1], shift):
+        for where, off, beside, found in self._recent:
+            if beside is channels and torch.equal(where, theta) and torch.equal(off, shift):
                 self.builder.count(1)
                 return found
         found = self.builder.predict(problem.model, theta)

@@ -244,7 +244,8 @@ class ForwardSelection:
         limit = min(far, self.builder.target.settings.searching.hopeless * single.fit.square) if alone else far
         position = state.model.space.to_cube(start)
         about = known_section(single.fit)
-        found = fit(self.builder, state.model, position, self.prior, wide=False, hopeless=limit, about=about)
+        beat = Beat(state.fit.way, state.fit.cost)
+        found = fit(self.builder, state.model, position, self.prior, False, limit, about, beat=beat)
         fallen = found.square <= (1 - self.settings.stopped_soon) * state.fit.square
         likelier = found.cost < state.fit.cost - max(1.0, ranked.by_chance)
         if not found.by_noise or not (fallen or likelier) or (alone and found.square > limit):

@@ -35,11 +35,12 @@ class Instead:
 
         Args:
             state: without it.
-            best: of the hypotheses, which explains much of what is left.
+            best: of the hypotheses; asked where it explains much of what is left, or leaves noise.
             everyone: the candidates.
             beat: what a fit has to come near for being followed to its end.
         """
-        if not best.fit.by_noise or best.fit.square > self.settings.selecting.explains_much * state.fit.square:
+        much = best.fit.square <= self.settings.selecting.explains_much * state.fit.square
+        if not best.fit.by_noise or not (much or is_noise(best.fit)):
             return []
         values = best.fit.model.as_dict(best.fit.theta)
         theta = torch.tensor([values[name] for name in state.model.names]).to(best.fit.theta)
