@@ -135,6 +135,9 @@ def settled(
         smaller = {name: min(1.0, one) for name, one in found.judged.scale.items()}
         fewer = any(one <= settings.smaller * scale.get(name, 1.0) for name, one in smaller.items())
         further = found.judged.found is not None and (about is None or _moved(found) > settings.moved)
+        if target.wandering != UNIFORM and found.reduced_misfit > settings.lost:
+            # Nuisances take on what the parameters have not found, and are found as large or small as that is.
+            break
         if enough or not (fewer or further):
             break
         if fewer:

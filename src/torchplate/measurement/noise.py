@@ -44,7 +44,7 @@ class Noise:
         floor: mean over FRFs of √(Σ 2 std²) / ‖H‖ [-]: what noise alone makes the gap.
         sentences: where the numbers come from.
         slope: |dH/df| of the resonances found, between lines too [unit of the FRFs per Hz]; 0 where none were sought.
-        resonances: these, without what stands out at a line or two alone; None where none were sought.
+        resonances: these, with what stands out at a line or two alone; None where none were sought.
     """
 
     std: Float[Tensor, "n_frequency n_response n_reference"]
@@ -109,7 +109,8 @@ class _Scatter(NamedTuple):
         slope: |dH/df| of their resonances.
         sentence: where the numbers come from.
         times: how many times a variance's expectation the scatter is.
-        fractions: poles, residues and coefficients of the smooth part; None where none were sought.
+        fractions: poles, residues, coefficients of the smooth part, and whether a pole is a resonance; None where none
+            were sought.
     """
 
     variance: Float[Tensor, "n_line n_frf"]
@@ -117,7 +118,7 @@ class _Scatter(NamedTuple):
     slope: Float[Tensor, "n_line n_frf"]
     sentence: str
     times: Callable[[Tensor], Tensor]
-    fractions: tuple[Tensor, Tensor, Tensor] | None = None
+    fractions: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
 
 
 def _from_smoothness(
@@ -144,21 +145,22 @@ def _from_smoothness(
         f"{math.sqrt(float(sensor.mean())):.2%} of each FRF's root mean square at every line{motion} and "
         f"{math.sqrt(float(signal.mean())):.2%} of |H| itself"
     )
-    own = "" if not fit.n_own else f"; {fit.n_own} of {frf.shape[1]} FRFs have a noise of their own"
-    said = (
-        f"The noise is what {len(fit.pole)} resonances common to all FRFs and a smooth rest leave of {len(frf)} lines: "
-        f"{kinds}{own}."
-    )
     pole, residue, polynomial = fit.fractions
     seen = fit.has_width & _resonates(line, pole, residue * scale, variance)
-    pole, residue = pole[seen], residue[seen]
+    n_alone = len(pole) - int(seen.sum())
+    alone = "" if not n_alone else f", {n_alone} lines that stand out alone"
+    own = "" if not fit.n_own else f"; {fit.n_own} of {frf.shape[1]} FRFs have a noise of their own"
+    said = (
+        f"The noise is what {int(seen.sum())} resonances common to all FRFs{alone} and a smooth rest leave of "
+        f"{len(frf)} lines: {kinds}{own}."
+    )
     return _Scatter(
         variance,
         smooth * scale,
         fit.slope * scale,
         said,
         lambda other: fit.times(2 * other / scale.square()),
-        (pole, residue * scale, polynomial * scale),
+        (pole, residue * scale, polynomial * scale, seen),
     )
 
 
@@ -191,10 +193,10 @@ def _floors(kind: str, line: Float[Tensor, " n_line"]) -> dict[str, Float[Tensor
 
 
 def _of_all(
-    measurement: Measurement, fractions: tuple[Tensor, Tensor, Tensor], alive: Bool[Tensor, " n_measured"]
+    measurement: Measurement, fractions: tuple[Tensor, Tensor, Tensor, Tensor], alive: Bool[Tensor, " n_measured"]
 ) -> Resonances:
     """The partial fractions of those FRFs that say something, in their places; zero elsewhere."""
-    pole, *parts = fractions
+    pole, *parts, resonates = fractions
     kept = measurement.measured.clone()
     kept[measurement.measured] = alive
     wholes = []
@@ -203,7 +205,7 @@ def _of_all(
         whole[:, kept] = part
         wholes.append(whole)
     line = measurement.frequency
-    return Resonances(pole, wholes[0], wholes[1], (float(line[0]), float(line[-1])))
+    return Resonances(pole, wholes[0], wholes[1], (float(line[0]), float(line[-1])), resonates)
 
 
 def _from_coherence(

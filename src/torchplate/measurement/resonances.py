@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from torchplate.model import reciprocal
@@ -18,12 +18,14 @@ class Resonances:
         residue: R [unit of the FRFs times Hz²].
         smooth: c, of Chebyshev polynomials of order 0 and on [unit of the FRFs].
         band: the first and the last line [Hz].
+        resonates: whether a fraction is a resonance, which a drift moves; else a line or two that stand out alone.
     """
 
     pole: Complex[Tensor, " n_pole"]
     residue: Complex[Tensor, "n_pole n_response n_reference"]
     smooth: Complex[Tensor, "n_smooth n_response n_reference"]
     band: tuple[float, float]
+    resonates: Bool[Tensor, " n_pole"]
 
     def at(
         self, frequency: Float[Tensor, " n_frequency"], decay: Float[Tensor, " n_frequency"]
@@ -34,7 +36,8 @@ class Resonances:
             frequency: ω / 2π, in the band [Hz].
             decay: σ ≥ 0 [1/s].
         """
-        found = self._columns(torch.complex(frequency, -decay / (2 * torch.pi))) @ self._rows.flatten(1)
+        rows = torch.cat([self.residue, self.smooth]).flatten(1)
+        found = self._columns(torch.complex(frequency, -decay / (2 * torch.pi)), self.pole) @ rows
         return found.unflatten(1, self.residue.shape[1:])
 
     def moved(
@@ -46,18 +49,14 @@ class Resonances:
             frequency: lines [Hz].
             drift: δ, relative rise of all natural frequencies in that record [-].
         """
-        found, here = self.residue.new_zeros(len(frequency), *drift.shape), self._columns(frequency)
-        rows = self._rows
+        found, pole = self.residue.new_zeros(len(frequency), *drift.shape), self.pole[self.resonates]
+        here, rows = self._columns(frequency, pole), torch.cat([self.residue[self.resonates], self.smooth])
         for one in drift.unique().tolist():
             which = drift == one
-            found[:, which] = (self._columns(frequency * (1 + one)) - here) @ rows[:, which]
+            found[:, which] = (self._columns(frequency * (1 + one), pole) - here) @ rows[:, which]
         return found
 
-    @property
-    def _rows(self) -> Complex[Tensor, "n_part n_response n_reference"]:
-        return torch.cat([self.residue, self.smooth])
-
-    def _columns(self, frequency: Tensor) -> Complex[Tensor, "n_frequency n_part"]:
+    def _columns(self, frequency: Tensor, pole: Tensor) -> Complex[Tensor, "n_frequency n_part"]:
         """The fractions 1 / (q − f²) and the polynomials, at complex frequencies too."""
         place = frequency.to(self.pole)
         low, high = self.band
@@ -65,4 +64,4 @@ class Resonances:
         columns = [torch.ones_like(x), x]
         while len(columns) < len(self.smooth):
             columns.append(2 * x * columns[-1] - columns[-2])
-        return torch.cat([reciprocal(self.pole - place.square()[:, None]), torch.stack(columns, dim=-1)], dim=1)
+        return torch.cat([reciprocal(pole - place.square()[:, None]), torch.stack(columns, dim=-1)], dim=1)
