@@ -10,6 +10,7 @@ import torch
 from torchplate.diagnosis.basins import fit_from_the_box
 from torchplate.diagnosis.fit import Beat, fit
 from torchplate.diagnosis.joint import Joint
+from torchplate.diagnosis.judged import settled
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
@@ -198,6 +199,21 @@ def test_what_was_evaluated_a_moment_ago_is_not_evaluated_again(workshop, monkey
     moved = joint._residual(position + 1e-3, workshop.shift, None, builder.target.levels - 1, marginal)
     assert not torch.equal(moved, residual)
     assert len(asked) == 2
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(("part", "goes_on"), [(1.0, True), (1.05, False)])
+def test_far_off_nuisances_are_not_found_anew(workshop, monkeypatch, part, goes_on):
+    """They take on what the parameters have not found; near the end they turn out smaller than was said."""
+    builder = workshop.builder
+    position = builder.given.space.to_cube(TRUTH * torch.tensor([part, 1.0], dtype=torch.float64))
+    plain = builder.reduced(builder.given, TRUTH[None])
+    specimens = builder.target.specimens(plain, TRUTH)
+    asked: list[int] = []
+    inner = Joint.descend_sharply
+    monkeypatch.setattr(Joint, "descend_sharply", lambda *given: asked.append(1) or inner(*given))
+    found = settled(builder, builder.given, plain, {}, position, None, specimens=specimens)
+    assert bool(asked) == goes_on == (found.reduced_misfit < 2.0)
 
 
 @torch.no_grad()

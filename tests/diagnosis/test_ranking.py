@@ -275,6 +275,10 @@ def test_the_twin_of_an_effect_of_the_whole_plate_is_tried_where_that_ended(lab)
     assert values["aspect_ratio_1.ratio"] == pytest.approx(0.8**-0.25, rel=2e-3)
     # What changes all modes alike does not do the same.
     assert "density" not in {one.name for one in found}
+    # Where a baseline leaves little, what takes all of that has twins too.
+    assert is_noise(grain.fit)
+    near = replace(scene.state, fit=lab.leaving(scene.fit, 1.5 * grain.fit.square))
+    assert "aspect_ratio" in {one.name for one in scene.ranking.instead.of(near, grain, everyone, module.NOBODY)}
 
 
 @torch.no_grad()
