@@ -217,6 +217,25 @@ def test_the_coherence_tells_where_the_noise_is(lab):
     assert float(plain[inside].median()) < 0.8
 
 
+@pytest.mark.parametrize("n_average", [3, None])
+def test_a_coherence_of_few_averages_makes_no_line_too_sure(lab, n_average):
+    """By chance it is near 1 at some lines: residuals there would be many times their noise."""
+    frequency = lab.lines(0.5)
+    frf = lab.plate().frf(lab.nobody, frequency, [3], lab.nodes[1:9])
+    std = lab.true_std(frf, 0.02, "sensor")
+    # Three hits of different strength: H1, and its coherence.
+    generator = torch.Generator().manual_seed(13)
+    force = torch.exp(0.3 * torch.randn(3, 1, 1, frf.shape[2], generator=generator, dtype=torch.float64))
+    response = frf * force + lab.noise_of((math.sqrt(3) * std).expand(3, *frf.shape), 13)
+    both, power = (force * response).sum(0), force.square().sum(0)
+    coherence = both.abs().square() / (power * response.abs().square().sum(0))
+    given = lab.measured(frequency, both / power, [3], lab.nodes[1:9], coherence=coherence)
+    ratio = (given.frf - frf).abs().square() / (2 * noise_level(given, n_average).std.square())
+    assert float(ratio.mean()) == pytest.approx(1.0, rel=0.1)
+    # One in a thousand of exponential numbers is above 6.9.
+    assert float(ratio.quantile(0.999)) < 8.0
+
+
 def test_a_coherence_that_claims_too_little_noise_is_not_believed(lab):
     frequency = lab.lines(1.0)
     frf = lab.plate().frf(lab.nobody, frequency, [3], lab.nodes[1:5])

@@ -109,6 +109,7 @@ class _Scatter(NamedTuple):
         slope: |dH/df| of their resonances.
         sentence: where the numbers come from.
         times: how many times a variance's expectation the scatter is.
+        cost: −2 ln of the likelihood of a variance.
         fractions: poles, residues, coefficients of the smooth part, and whether a pole is a resonance; None where none
             were sought.
     """
@@ -118,6 +119,7 @@ class _Scatter(NamedTuple):
     slope: Float[Tensor, "n_line n_frf"]
     sentence: str
     times: Callable[[Tensor], Tensor]
+    cost: Callable[[Tensor], Tensor]
     fractions: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
 
 
@@ -130,7 +132,12 @@ def _from_smoothness(
         said = f"The noise is an upper bound from the neighbours of each line: {len(frf)} lines are too few for more."
         crude = (0.5 * level.square()).expand(len(frf), -1)
         return _Scatter(
-            crude, frf, torch.zeros_like(crude), said, lambda other: (crude / other.clamp(min=1e-300)).mean(0)
+            crude,
+            frf,
+            torch.zeros_like(crude),
+            said,
+            lambda other: (crude / other.clamp(min=1e-300)).mean(0),
+            lambda other: torch.zeros_like(other[0]),
         )
     scale = frf.abs().square().mean(0).sqrt()
     line = measurement.frequency.to(frf.real)
@@ -160,6 +167,7 @@ def _from_smoothness(
         fit.slope * scale,
         said,
         lambda other: fit.times(2 * other / scale.square()),
+        lambda other: fit.cost(2 * other / scale.square()),
         (pole, residue * scale, polynomial * scale, seen),
     )
 
@@ -228,19 +236,32 @@ def _from_coherence(
     variance = own * local
     usable = (known.to(own).mean(0) > 0.9) & (variance > 0).all(0)
     times = scatter.times(torch.where(usable, variance, own))
+    least = scatter.cost(own)
     if n_average is None:
         if not bool(usable.any()):
             return scatter.variance, "The coherence is 1 or missing at many lines and was not used."
+        # That of few averages is near 1 by chance at some lines.
+        usable &= scatter.cost(torch.where(usable, variance * times, own)) <= least
+        if not bool(usable.any()):
+            return (
+                scatter.variance,
+                "The scatter over the lines is likelier by itself than with the coherence's course.",
+            )
         shaped = torch.where(usable, variance * times, scatter.variance)
         return shaped, (
             "The coherence gives the noise its course over the lines, the scatter its level: the number of averages is "
             "not known."
         )
     believed = usable & (times <= DISAGREEMENT**2)
+    if not bool(believed.any()):
+        return scatter.variance, (
+            "The coherence claims less than half of the scatter that the lines show, or is 1: the scatter counts."
+        )
+    believed &= scatter.cost(torch.where(believed, variance, own)) <= least
     n = int(believed.sum())
     if n == 0:
         return scatter.variance, (
-            "The coherence claims less than half of the scatter that the lines show, or is 1: the scatter counts."
+            f"The scatter over the lines is likelier than what the coherence makes of it over {n_average} averages."
         )
     over = 1 / math.sqrt(float(times[believed].mean()))
     return torch.where(believed, variance, scatter.variance), (

@@ -312,6 +312,12 @@ class RationalFit:
         expected, left = self._reach_exactly(self.weight.square()[:, None] * variance)
         return times_expected(self.square[left > LEFT], expected[left > LEFT].clamp(min=1e-300))
 
+    def cost(self, variance: Float[Tensor, "n_line n_frf"]) -> Float[Tensor, " n_frf"]:
+        """−2 ln of the likelihood of this variance of both parts together, but for a constant of each FRF."""
+        expected, left = self._reach_exactly(self.weight.square()[:, None] * variance)
+        square, expected = self.square[left > LEFT], expected[left > LEFT].clamp(min=1e-300)
+        return 2 * (expected.log() + square / expected).sum(0)
+
     def outstanding(self) -> Tensor:
         """Lines at which the FRFs together are further off than noise gets: a pole is missing there."""
         from scipy.signal import find_peaks
