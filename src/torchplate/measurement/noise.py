@@ -245,7 +245,7 @@ def _from_coherence(
         if not bool(usable.any()):
             return (
                 scatter.variance,
-                "The scatter over the lines is likelier by itself than with the coherence's course.",
+                "The scatter over the lines is likelier without the coherence's course.",
             )
         shaped = torch.where(usable, variance * times, scatter.variance)
         return shaped, (
