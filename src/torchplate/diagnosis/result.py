@@ -204,7 +204,8 @@ class Location:
             "channels": [
                 {"response": one.response, "reference": one.reference, "gap": one.before} for one in self.channels
             ],
-            "kind": dict(self.kind),
+            # A product of matrices may differ in its last digit from one place in memory to another.
+            "kind": {name: float(f"{part:.12g}") for name, part in self.kind.items()},
         }
 
 
