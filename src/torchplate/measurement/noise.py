@@ -243,10 +243,7 @@ def _from_coherence(
         # That of few averages is near 1 by chance at some lines.
         usable &= scatter.cost(torch.where(usable, variance * times, own)) <= least
         if not bool(usable.any()):
-            return (
-                scatter.variance,
-                "The scatter over the lines is likelier without the coherence's course.",
-            )
+            return scatter.variance, "The scatter over the lines is likelier without the coherence's course."
         shaped = torch.where(usable, variance * times, scatter.variance)
         return shaped, (
             "The coherence gives the noise its course over the lines, the scatter its level: the number of averages is "
