@@ -250,6 +250,20 @@ def test_a_coherence_that_claims_too_little_noise_is_not_believed(lab):
     assert not torch.equal(believed.std, without.std)
 
 
+@pytest.mark.parametrize("distorted", [[], [2], [0, 3]])
+def test_what_repeats_in_every_record_is_no_noise(lab, distorted):
+    """A clipped sensor scatters over the lines alike in all records: their coherence does not see it."""
+    frequency = lab.lines(1.0)
+    frf = lab.plate().frf(lab.nobody, frequency, [3], lab.nodes[1:7])
+    std = lab.true_std(frf, 0.02, "sensor")
+    rough = lab.noise_of(4 * std, 21)
+    kept = torch.zeros(1, frf.shape[2], dtype=torch.bool)
+    kept[0, distorted] = True
+    mean, coherence = averaged(lab, frf + rough * kept, std, 8, seed=14)
+    found = noise_level(lab.measured(frequency, mean, [3], lab.nodes[1:7], coherence=coherence), 8)
+    assert torch.equal(found.distorted, kept)
+
+
 def test_exchanged_frfs_are_held_against_the_noise(lab):
     frf = lab.plate().frf(lab.nobody, lab.lines(1.0), lab.nodes[:3], lab.nodes[:3])
     std = lab.true_std(frf, 0.02, "signal")

@@ -8,6 +8,7 @@ import torch
 from torchplate.diagnosis.field import with_field
 from torchplate.diagnosis.holdout import held_out
 from torchplate.diagnosis.result import Diagnosis
+from torchplate.diagnosis.selection.criterion import is_explained
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.trace import Trace
 from torchplate.diagnosis.settings import SETTINGS
@@ -72,7 +73,7 @@ def diagnose(
     given, unrefined = selection.as_given(state)
     seen = Trace(selection.builder, noise, given, selection.begun, state, tuple(rankings), selection.prior, unrefined)
     found = summarise(seen, time.monotonic() - began)
-    if found.verdict in ("consistent", "explained"):
+    if found.verdict in ("consistent", "explained") or is_explained(state.fit, selection.builder.target):
         return found
     return with_field(found, selection.builder, state.fit, selection.prior, say)
 

@@ -5,7 +5,7 @@ from torchplate.diagnosis.localisation.localise import localise
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.result import Verdict
-from torchplate.diagnosis.selection.criterion import excessive
+from torchplate.diagnosis.selection.criterion import excessive, is_explained
 from torchplate.diagnosis.selection.trace import State, Trace
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.discrepancy import percent
@@ -29,6 +29,9 @@ def missing_still(builder: ModelBuilder, noise: Noise, final: State, verdict: Ve
     target = builder.target
     if verdict in ("consistent", "explained"):
         return ()
+    repeated = in_every_record(builder, noise)
+    if repeated and is_explained(final.fit, target):
+        return (repeated,)
     gap = float(target.gap(final.fit.prediction))
     left = localise(
         target.measurement,
@@ -43,7 +46,24 @@ def missing_still(builder: ModelBuilder, noise: Noise, final: State, verdict: Ve
         f"A gap of {percent(gap)} is left, where noise alone makes {percent(noise.floor)}, and noise and the "
         f"imperfections of the test as large as was said make {percent(expected)}."
     )
-    return (size, *would_take(final.fit), *left.sentences)
+    return (*([repeated] if repeated else ()), size, *would_take(final.fit), *left.sentences)
+
+
+def in_every_record(builder: ModelBuilder, noise: Noise) -> str:
+    """Which FRFs hold what repeats in every record and is no sum of resonances; empty where none does."""
+    if noise.distorted is None or not bool(noise.distorted.any()):
+        return ""
+    measurement = builder.target.measurement
+    channels = [
+        f"{measurement.response[response].label}/{measurement.reference[reference].label}"
+        for response, reference in noise.distorted.nonzero().tolist()
+    ]
+    which = f"FRF {channels[0]} scatters" if len(channels) == 1 else f"FRFs {', '.join(channels)} scatter"
+    return (
+        f"{which} over the lines more than twice as much as the records behind them differ, which is not so with the "
+        "other FRFs: something repeats in every record that no resonance makes, as a clipped or rattling sensor does. "
+        "Look at its time records and its range."
+    )
 
 
 def would_take(fit: Fit) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.naming import as_named, estimates, remark_on
 from torchplate.diagnosis.next_measurement import next_measurements
-from torchplate.diagnosis.remarks import all_remarks, missing_still, nothing_but_chance
+from torchplate.diagnosis.remarks import all_remarks, in_every_record, missing_still, nothing_but_chance
 from torchplate.diagnosis.result import Diagnosis, Named, Scored, Step
 from torchplate.diagnosis.selection.criterion import evidence, is_explained, weight_of
 from torchplate.diagnosis.selection.screen import twins
@@ -29,7 +29,8 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
         seconds: that it took.
     """
     builder, noise, baseline, final = seen.builder, seen.noise, seen.baseline, seen.final
-    verdict = verdict_of(bool(final.named), is_explained(final.fit, builder.target))
+    explained = is_explained(final.fit, builder.target) and not in_every_record(builder, noise)
+    verdict = verdict_of(bool(final.named), explained)
     finer = _finer_mesh(seen)
     first = _first(seen, bool(finer))
     effects = tuple(as_named(builder, one, final) for one in final.named)

@@ -45,6 +45,8 @@ class Noise:
         sentences: where the numbers come from.
         slope: |dH/df| of the resonances found, between lines too [unit of the FRFs per Hz]; 0 where none were sought.
         resonances: these, with what stands out at a line or two alone; None where none were sought.
+        distorted: FRFs that scatter over the lines by far more than their records differ, where the others do not;
+            None where that is not known.
     """
 
     std: Float[Tensor, "n_frequency n_response n_reference"]
@@ -52,6 +54,7 @@ class Noise:
     sentences: tuple[str, ...]
     slope: Float[Tensor, "n_frequency n_response n_reference"]
     resonances: Resonances | None = None
+    distorted: Bool[Tensor, "n_response n_reference"] | None = None
 
     def every(self, step: int) -> "Noise":
         """Of every `step`-th line."""
@@ -79,6 +82,7 @@ def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise
     variance, steep = torch.zeros_like(frf.real), torch.zeros_like(frf.real)
     sentences: list[str] = []
     resonances: Resonances | None = None
+    distorted = torch.zeros_like(measurement.measured)
     if bool(alive.any()):
         scatter = _from_smoothness(measurement, frf[:, alive], alive)
         variance[:, alive], steep[:, alive] = scatter.variance, scatter.slope
@@ -87,8 +91,12 @@ def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise
             resonances = _of_all(measurement, scatter.fractions, alive)
         if measurement.coherence is not None:
             coherence = measurement.coherence[:, kept][:, alive].to(variance)
-            variance[:, alive], said = _from_coherence(scatter, coherence, n_average)
-            sentences.append(said)
+            second = _from_coherence(scatter, coherence, n_average)
+            variance[:, alive] = second.variance
+            sentences.append(second.sentence)
+            every = torch.zeros_like(alive)
+            every[alive] = second.distorted
+            distorted[kept] = every
     else:
         sentences.append("Every FRF is zero at every line: there is nothing to tell noise from.")
     floors = (2 * variance.sum(0)).sqrt() / torch.where(alive, norm, 1.0)
@@ -97,7 +105,7 @@ def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise
     std = torch.zeros_like(measurement.frf.real)
     slope = torch.zeros_like(std)
     std[:, kept], slope[:, kept] = variance.sqrt().to(std), steep.to(std)
-    return Noise(std, floor, tuple(sentence for sentence in sentences if sentence), slope, resonances)
+    return Noise(std, floor, tuple(sentence for sentence in sentences if sentence), slope, resonances, distorted)
 
 
 class _Scatter(NamedTuple):
@@ -172,6 +180,20 @@ def _from_smoothness(
     )
 
 
+class _Second(NamedTuple):
+    """What the coherence makes of the noise.
+
+    Attributes:
+        variance: of each part.
+        sentence: what was believed.
+        distorted: FRFs that scatter over the lines by far more than their records differ, where the others do not.
+    """
+
+    variance: Float[Tensor, "n_line n_frf"]
+    sentence: str
+    distorted: Bool[Tensor, " n_frf"]
+
+
 def _resonates(
     line: Float[Tensor, " n_line"],
     pole: Complex[Tensor, " n_pole"],
@@ -216,9 +238,7 @@ def _of_all(
     return Resonances(pole, wholes[0], wholes[1], (float(line[0]), float(line[-1])), resonates)
 
 
-def _from_coherence(
-    scatter: _Scatter, coherence: Float[Tensor, "n_line n_frf"], n_average: int | None
-) -> tuple[Float[Tensor, "n_line n_frf"], str]:
+def _from_coherence(scatter: _Scatter, coherence: Float[Tensor, "n_line n_frf"], n_average: int | None) -> _Second:
     """Variance of each part where the coherence has a say, σ² = |H|² (1 − γ²) / (2 (n_average − 1) γ²), and a sentence.
 
     Over the scatter's own curve it is smoothed along the lines, because the coherence of few averages scatters itself.
@@ -237,34 +257,39 @@ def _from_coherence(
     usable = (known.to(own).mean(0) > 0.9) & (variance > 0).all(0)
     times = scatter.times(torch.where(usable, variance, own))
     least = scatter.cost(own)
+    none = torch.zeros_like(usable)
     if n_average is None:
         if not bool(usable.any()):
-            return scatter.variance, "The coherence is 1 or missing at many lines and was not used."
+            return _Second(scatter.variance, "The coherence is 1 or missing at many lines and was not used.", none)
         # That of few averages is near 1 by chance at some lines.
         usable &= scatter.cost(torch.where(usable, variance * times, own)) <= least
         if not bool(usable.any()):
-            return scatter.variance, "The scatter over the lines is likelier without the coherence's course."
+            told = "The scatter over the lines is likelier without the coherence's course."
+            return _Second(scatter.variance, told, none)
         shaped = torch.where(usable, variance * times, scatter.variance)
-        return shaped, (
+        told = (
             "The coherence gives the noise its course over the lines, the scatter its level: the number of averages is "
             "not known."
         )
+        return _Second(shaped, told, none)
     believed = usable & (times <= DISAGREEMENT**2)
     if not bool(believed.any()):
-        return scatter.variance, (
-            "The coherence claims less than half of the scatter that the lines show, or is 1: the scatter counts."
-        )
+        told = "The coherence claims less than half of the scatter that the lines show, or is 1: the scatter counts."
+        return _Second(scatter.variance, told, none)
+    # Where most FRFs bear the coherence out, those that do not hold what every record repeats.
+    borne_out = 2 * int(believed.sum()) > int(usable.sum())
+    distorted = usable & ~believed if borne_out else none
     believed &= scatter.cost(torch.where(believed, variance, own)) <= least
     n = int(believed.sum())
     if n == 0:
-        return scatter.variance, (
-            f"The scatter over the lines is likelier than what the coherence makes of it over {n_average} averages."
-        )
+        told = f"The scatter over the lines is likelier than what the coherence makes of it over {n_average} averages."
+        return _Second(scatter.variance, told, distorted)
     over = 1 / math.sqrt(float(times[believed].mean()))
-    return torch.where(believed, variance, scatter.variance), (
+    told = (
         f"The noise of {n} of {len(believed)} FRFs is that of their coherence over {n_average} averages, {over:.2f} "
         "times what the scatter over the lines says."
     )
+    return _Second(torch.where(believed, variance, scatter.variance), told, distorted)
 
 
 def _moving_sum(values: Float[Tensor, "n_line n_frf"]) -> Float[Tensor, "n_line n_frf"]:
