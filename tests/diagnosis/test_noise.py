@@ -151,6 +151,17 @@ def test_lines_that_stand_out_alone_are_no_resonances(lab):
     assert float((large - moved(found[0], 2e-4)).norm()) < 0.2 * float(large.norm())
 
 
+@pytest.mark.parametrize("place", [0.0, 350.0])
+def test_what_lies_outside_the_band_moves_with_the_record(lab, place):
+    """Fractions of huge residues beside the band cancel in it: a drift that moves some of them alone is none."""
+    frequency = lab.lines(0.5)
+    frf = lab.plate(3e-3).frf(lab.nobody, frequency, [3], lab.nodes[1:3])[:, 0] / 1e3
+    fit = RationalFit(frequency[40:600], frf[40:600])
+    square = torch.tensor([place**2, 100.0**2], dtype=torch.float64)
+    fit.pole = torch.complex(square, 1e-9 * square.clamp(min=1.0))
+    assert fit.has_width.tolist() == [True, False]
+
+
 def test_without_noise_next_to_none_is_found(lab):
     frf = lab.plate(8e-3).frf(lab.nobody, lab.lines(0.5), [3], lab.nodes[1:5])
     given, _ = measurement(lab, frf, torch.zeros_like(frf.real), seed=3)

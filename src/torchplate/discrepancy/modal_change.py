@@ -30,6 +30,8 @@ class Modal(NamedTuple):
         own_damping: what damps each mode at its own frequency [rad²/s²].
         left: Φ at the responses.
         right: at the references.
+        from_left: Φ at the responses times Z⁻¹ at every line, what is attached at places and all.
+        from_right: likewise at the references.
         n_low: modes in the band and a little above it.
     """
 
@@ -45,6 +47,8 @@ class Modal(NamedTuple):
     own_damping: Float[Tensor, " n_mode"]
     left: Float[Tensor, "n_response n_mode"]
     right: Float[Tensor, "n_reference n_mode"]
+    from_left: Complex[Tensor, "n_frequency n_response n_mode"]
+    from_right: Complex[Tensor, "n_frequency n_reference n_mode"]
     n_low: int
 
 
@@ -71,17 +75,37 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
     kappa = kappa[:, None].expand_as(denominator)
     damping = denominator - plain
     inverse = reciprocal(denominator)
+    from_left, from_right = (_responses(bare, attached, force, rows) for rows in (left, right))
     return Modal(
-        eigenvalue, shape, kappa, damping, denominator, inverse, bare, attached, force, own, left, right, n_low
+        eigenvalue,
+        shape,
+        kappa,
+        damping,
+        denominator,
+        inverse,
+        bare,
+        attached,
+        force,
+        own,
+        left,
+        right,
+        from_left,
+        from_right,
+        n_low,
     )
 
 
-def responses(modal: Modal, rows: Float[Tensor, "n_row n_mode"]) -> Complex[Tensor, "n_frequency n_row n_mode"]:
+def _responses(
+    bare: Complex[Tensor, "n_frequency n_mode"],
+    attached: Float[Tensor, "n_attached n_mode"],
+    force: Complex[Tensor, "n_attached n_frequency"],
+    rows: Float[Tensor, "n_row n_mode"],
+) -> Complex[Tensor, "n_frequency n_row n_mode"]:
     """Rows times Z⁻¹ at every line; what is attached at places couples the modes (Woodbury)."""
-    each = reciprocal(modal.bare)
-    if not len(modal.attached):
+    each = reciprocal(bare)
+    if not len(attached):
         return rows * each[:, None]
-    attached, force = modal.attached, modal.force.mT
+    force = force.mT
     between, pulled = (_over(each, one, attached) for one in (attached, rows))
     coupled = torch.eye(len(attached)).to(between) + force[..., None] * between
     # Few rows: each is carried to the attached places, and not all modes there.
@@ -95,18 +119,32 @@ def _over(each: Tensor, left: Tensor, right: Tensor) -> Complex[Tensor, "n_frequ
     return times_real(each, pairs.mT).unflatten(-1, (len(left), len(right)))
 
 
-def sum_of_modes(modal: Modal, left: Tensor, right: Tensor, weight: Tensor | None = None) -> Tensor:
-    """Σ_m l_m r_m weight_m / z_m at every line, for all pairs of rows."""
-    return _over(modal.inverse if weight is None else weight * modal.inverse, left, right)
+def from_responses(modal: Modal, rows: Float[Tensor, "n_row n_mode"]) -> Tensor:
+    """Receptances from the responses to other places, at every line."""
+    return times_real(modal.from_left, rows.mT)
+
+
+def to_references(modal: Modal, rows: Float[Tensor, "n_row n_mode"]) -> Tensor:
+    """Receptances from other places to the references, at every line."""
+    return times_real(modal.from_right, rows.mT).mT
+
+
+def as_modes_move(modal: Modal, change: Complex[Tensor, "n_frequency n_mode"]) -> Tensor:
+    """What a change of all modes' denominators does to the receptances, all at once."""
+    return -(modal.from_left * change[:, None]) @ modal.from_right.mT
+
+
+def sum_of_modes(modal: Modal, left: Tensor, right: Tensor) -> Tensor:
+    """Σ_m l_m r_m / z_m at every line, for all pairs of rows, the damping that couples modes left out."""
+    return _over(modal.inverse, left, right)
 
 
 def of_modes(
     modal: Modal, modes: Int[Tensor, " n_some"], change: Complex[Tensor, "n_frequency n_some"]
 ) -> Complex[Tensor, "n_some n_frequency n_response n_reference"]:
     """What a change of some modes' denominators does to the receptances, each alone."""
-    outer = modal.left[:, None, modes] * modal.right[None, :, modes]
-    each = -change * modal.inverse[:, modes].square()
-    return each.mT[:, :, None, None] * outer.movedim(-1, 0)[:, None]
+    left, right = (-change[:, None] * modal.from_left[..., modes]).movedim(-1, 0), modal.from_right[..., modes]
+    return left[..., None] * right.movedim(-1, 0)[:, :, None]
 
 
 def through_each(
@@ -118,7 +156,7 @@ def through_each(
     """What several changes of stiffness and mass, in coordinates of all modes, do to the receptances, each alone."""
     if not len(stiffness):
         return modal.bare.new_zeros(0, len(s), len(modal.left), len(modal.right))
-    left, right = responses(modal, modal.left), responses(modal, modal.right)
+    left, right = modal.from_left, modal.from_right
     fewer, more, swapped = (left, right, False) if left.shape[1] <= right.shape[1] else (right, left, True)
     parts = []
     for matrices, factor in ((stiffness, modal.kappa[:, 0]), (mass, s.square())):

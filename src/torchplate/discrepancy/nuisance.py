@@ -1,9 +1,10 @@
 """What every test has and nobody wants named: how each of it, one standard deviation large, changes the FRFs.
 
 With the model's modes Φ, λ at hand, α = L Z⁻¹ Rᵀ changes by dα = dL X_R + X_L dR − X_L dZ X_R to first order, where
-X = row / z are the modal responses, z_m(s) the denominator of mode m with the damping that couples modes left
-out: these are the columns of a covariance, not a prediction. What the second order would add stands beside the noise:
-for a mode that moves by q of its own width, q² / (1 + q) of what the mode contributes to an FRF.
+X = row Z⁻¹ are the modal responses, with what is attached at places and couples the modes: where a peak stands a
+hundred times above the noise, a column that is off by a per cent does not hide what it stands for. What the second
+order would add stands beside the noise, that coupling left out: for a mode that moves by q of its own width,
+q² / (1 + q) of what the mode contributes to an FRF.
 
 Sources: Adelman and Haftka, AIAA J. 24 (1986) 823, for the derivative of a resolvent; Pintelon and Schoukens, System
 Identification (2012), for what an analyser, its transducers and their mounting add.
@@ -18,7 +19,16 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.discrepancy.modal_change import Modal, by_modes, of_modes, sum_of_modes, through_each
+from torchplate.discrepancy.modal_change import (
+    Modal,
+    as_modes_move,
+    by_modes,
+    from_responses,
+    of_modes,
+    sum_of_modes,
+    through_each,
+    to_references,
+)
 from torchplate.discrepancy.second_order import SecondOrder
 from torchplate.discrepancy.specimen import Found, Specimens
 from torchplate.discrepancy.wandering import Elements, Wandering, terms
@@ -90,7 +100,7 @@ def nuisances(
     """
     plan, reference, modal, to_reading = _apart(model, theta, frequency)
     chain, kind = to_reading.chain, to_reading.kind
-    reading = as_kind(sum_of_modes(modal, modal.left, modal.right), chain, kind)
+    reading = as_kind(to_references(modal, modal.left), chain, kind)
     n_response, n_reference = reading.shape[-2:]
     top = _top(frequency)
     near = torch.nonzero(modal.eigenvalue < top).flatten()
@@ -135,7 +145,7 @@ def nuisances(
     weighs = _carried(model, modal, chain, theta) if far > 0 else {}
     for side, order in zip(sides, ((1, 0), (0, 1)), strict=True) if far > 0 else ():
         rows = model.assembly.rows(model.mesh.deflection_at(chain.response, *order)) @ modal.shape
-        of_row = to_reading(far / side * sum_of_modes(modal, rows, modal.right))
+        of_row = to_reading(far / side * to_references(modal, rows))
         for index, change in weighs.items():
             whole = to_reading(far / side * change[order])
             whole[:, index] += of_row[:, index]
@@ -145,7 +155,7 @@ def nuisances(
         own.append((group, of_row))
         if reference is not None:
             rows = model.assembly.rows(model.mesh.deflection_at(reference, *order)) @ modal.shape
-            other.append((group, to_reading(far / side * sum_of_modes(modal, modal.left, rows))))
+            other.append((group, to_reading(far / side * from_responses(modal, rows))))
     level = imperfections.std("calibration_std")
     group, level = ("calibration_std", level) if level > mesh[1] else ("mesh", mesh[1])
     if level > 0:
@@ -159,7 +169,7 @@ def nuisances(
         # A file does not say whether sensors or hits were moved from record to record.
         if drifting is None:
             moved = 2 * drift * modal.eigenvalue * modal.kappa
-            drifted = to_reading(-sum_of_modes(modal, modal.left, modal.right, moved * modal.inverse))
+            drifted = to_reading(as_modes_move(modal, moved))
         else:
             drifted = drift * drifting
         for count, part, what in ((n_response, own, of_response), (n_reference, other, of_reference)):
@@ -383,11 +393,11 @@ def _carried(
         place = torch.stack([value[label][axis] for axis in ("x", "y")])[None].to(modal.left)
         inertia = value[label]["mass"] * chain.laplace.square()
         row = model.assembly.rows(model.mesh.deflection_at(place)) @ modal.shape
-        left, right = sum_of_modes(modal, modal.left, row), sum_of_modes(modal, row, modal.right)
+        left, right = from_responses(modal, row), to_references(modal, row)
         own = found.setdefault(index, {})
         for order in ((1, 0), (0, 1)):
             moved = model.assembly.rows(model.mesh.deflection_at(place, *order)) @ modal.shape
-            outer = left * sum_of_modes(modal, moved, modal.right) + sum_of_modes(modal, modal.left, moved) * right
+            outer = left * to_references(modal, moved) + from_responses(modal, moved) * right
             own[order] = own.get(order, torch.zeros_like(outer)) - inertia[:, None, None] * outer
     return found
 
@@ -401,14 +411,14 @@ def _supports(model: PlateModel, plan: Plan, modal: Modal, laplace: Tensor, off:
             continue
         points = [*effect.nodes, *effect.at]  # type: ignore[attr-defined]
         place = model.mesh.places(points).to(modal.left)
-        strength = values[label]["stiffness"] + laplace * values[label]["viscous_damping"]
+        strength = modal.kappa[:, 0] * values[label]["stiffness"] + laplace * values[label]["viscous_damping"]
         rows = model.assembly.rows(model.mesh.deflection_at(place)) @ modal.shape
         for side, order in ((plan.geometry.length_x, (1, 0)), (plan.geometry.length_y, (0, 1))):
             moved = (
                 model.assembly.rows(model.mesh.deflection_at(place, *order)) @ modal.shape * (off / float(side.mean()))
             )
-            left, left_moved = (sum_of_modes(modal, modal.left, some) for some in (rows, moved))
-            right, right_moved = (sum_of_modes(modal, some, modal.right) for some in (rows, moved))
+            left, left_moved = (from_responses(modal, some) for some in (rows, moved))
+            right, right_moved = (to_references(modal, some) for some in (rows, moved))
             for k in range(len(points)):
                 outer = left[:, :, k, None] * right_moved[:, None, k] + left_moved[:, :, k, None] * right[:, None, k]
                 found.append(-strength[:, None, None] * outer)

@@ -116,9 +116,10 @@ class RationalFit:
 
     @property
     def has_width(self) -> Bool[Tensor, " n_pole"]:
-        """Whether a pole is wider than a pole has to be."""
+        """Whether a pole is wider than a pole has to be, or no line's: below or above all of them."""
         place = self.pole.real.clamp(min=0.0).sqrt().clamp(min=self.step)
-        return self.pole.imag > 4 * NARROWEST * place * self.step
+        outside = (place < self.frequency[0] - self.step) | (place > self.frequency[-1] + self.step)
+        return outside | (self.pole.imag > 4 * NARROWEST * place * self.step)
 
     @property
     def slope(self) -> Float[Tensor, "n_line n_frf"]:
