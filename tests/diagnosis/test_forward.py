@@ -363,6 +363,29 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
 
 
 @torch.no_grad()
+@pytest.mark.parametrize(("most", "hides", "expected"), [(3, True, 2), (3, False, 1), (1, True, 1)])
+def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeypatch, most, hides, expected):
+    """One of two may be so small that noise covers it, and still be more probable than none."""
+    scene, said, asked = lab.Scene(), [], []
+    selection = ForwardSelection(scene.builder, {}, said.append)
+    gain, mass = scene.hypothesis("sensor_gain"), scene.hypothesis("point_mass")
+
+    def needed(state, rankings):
+        asked.append([one.hypothesis.name for one in state.named])
+        ranked = Ranked((), ((mass if state.named else gain),))
+        rankings.append(ranked)
+        return (choose(ranked.hypotheses, state.fit), ranked) if hides or not state.named else None
+
+    monkeypatch.setattr(selection, "_needed", needed)
+    monkeypatch.setattr(selection, "_lower", lambda *_: None)
+    monkeypatch.setattr(selection, "_explained", lambda state: state)
+    found, rankings = selection.add_effects(State(scene.state.model, scene.fit), most)
+    assert [one.hypothesis.name for one in found.named] == ["sensor_gain", "point_mass"][:expected]
+    assert asked == [[], ["sensor_gain"]][: min(most, 2)]
+    assert len(rankings) == len(asked)
+
+
+@torch.no_grad()
 def test_where_oversized_nuisances_leave_noise_squares_do_not_say_what_explains_something(lab):
     """A window that takes hundreds from −2 ln L, and one part in thirty from a sum of squares that is noise."""
     scene = lab.Scene(hidden={"gain": 1.0})

@@ -199,9 +199,9 @@ class ForwardSelection:
                     rankings = []
                     continue
                 single = self._added(state, choice, ranked)
-            if (settled := self._explained(single)) is not None:
-                return settled, rankings
             room = len(single.named) < most_effects
+            if (settled := self._explained(single)) is not None:
+                return (self._one_more(single, rankings) if room else None) or settled, rankings
             # One alone does not do: the best pair need not begin with the best single one.
             further, settled = self._pairs(state, ranked, single, rankings) if room else (None, None)
             if settled is not None:
@@ -260,6 +260,12 @@ class ForwardSelection:
             return None
         ended = self._ended(state)
         return ended if ended is state or is_explained(ended.fit, self.builder.target) else None
+
+    def _one_more(self, state: State, rankings: list[Ranked]) -> State | None:
+        """With one effect more, settled, where that is more probable than noise alone; None where none is."""
+        self.say("nothing but noise is left: looking for what hides in it")
+        needed = self._needed(state, rankings)
+        return None if needed is None else self._explained(self._added(state, *needed))
 
     def _ended(self, state: State) -> State:
         """The state, settled; as it is, where that leaves noise alone and settling more."""

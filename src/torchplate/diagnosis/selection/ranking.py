@@ -69,7 +69,8 @@ class Ranking:
             promises, by_chance = self._nearby(state, base, everyone)
             # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
             best = promises[0].drop * state.fit.square if promises else 0.0
-            wanted = 1 if is_noise(state.fit) and best <= by_chance else screening.n_sharp
+            no_more = is_noise(state.fit) and best <= by_chance
+            wanted = (0 if state.named else 1) if no_more else screening.n_sharp
             near = promising(promises, wanted, screening)
             chosen = [(one, one.starts) for one in near]
             if not is_noise(state.fit):
