@@ -51,6 +51,10 @@ def test_the_usual_value_of_a_material_lies_between_its_ends(name):
     for low, usual, high in (material.youngs_modulus, material.density):
         assert low < usual < high
     assert 0 < material.poisson_ratio < 0.5
+    # A ratio known no better than this would let a plate of it shrink when it is pulled.
+    assert 0 < material.poisson_std <= 0.5 * material.poisson_ratio
+    assert 0 < material.loss_factor[0] < material.loss_factor[1] < 1
+    assert material.young_ratio >= 1
     assert material.source
 
 

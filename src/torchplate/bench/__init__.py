@@ -10,6 +10,7 @@
 - `scaling`: what a second process brings.
 - `verification`: not how fast but how right: every figure of the verification page.
 - `marked_page`: where the tables of that page stand.
+- `recorded`: rows of that page from blind sets and times as they were written last.
 - `published`: natural frequencies that it is held against.
 - `searches`: evaluations and seconds beside SciPy, pymoo, pagmo and evosax.
 

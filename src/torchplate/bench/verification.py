@@ -1,13 +1,14 @@
 """`python -m torchplate.bench.verification`: what is published or follows from theory, beside what comes out here.
 
-It prints the tables of docs/verification.md; `--write` puts them there. `--searches` adds the comparison with other
+It prints the tables of docs/verification.md; `--write` puts them there. Blind sets (an hour) and times (a quarter of an
+hour) are those that `make blind` and `torchplate bench` wrote last. `--searches` adds the comparison with other
 packages' searches, which takes minutes: SciPy is always there, pymoo, pygmo (pagmo) and evosax where they are
 installed.
 """
 
 import argparse
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from torch import Tensor
 
 from torchplate.bench.marked_page import PAGE, put
 from torchplate.bench.published import NAFEMS, SQUARES, SUPPORTED
+from torchplate.bench.recorded import Count, Time, blind, speed
 from torchplate.effects import HystereticDamping, Plate
 from torchplate.measurement import Analyser, Spectra
 from torchplate.model import PlateModel, Searched
@@ -241,12 +243,14 @@ def gradients() -> Iterator[Row]:
         )
 
 
-TABLES = {
+TABLES: dict[str, Callable[[], Iterator[Row | Count | Time]]] = {
     "Natural frequencies": natural_frequencies,
     "Convergence": orders,
     "Beside another finite element": beside_scikit_fem,
     "The virtual analyser": analyser,
     "Gradients where modes repeat": gradients,
+    "Plates with hidden effects": blind,
+    "Speed, beside SciPy one candidate at a time": speed,
 }
 QUICK = ("<!-- numbers -->", "<!-- end of numbers -->")
 LONG = ("<!-- searches -->", "<!-- end of searches -->")
