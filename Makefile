@@ -8,7 +8,7 @@ VENV = .venv
 BIN = $(VENV)/bin
 
 .DEFAULT_GOAL = help
-.PHONY: help run diagnose test check audit docs paper blind real chairs load clean
+.PHONY: help run diagnose test check audit docs paper blind real chairs load mutants clean
 
 help:
 	@echo "make run       set up, then identify the paper's plate by DE and ABC; results in runs/"
@@ -22,6 +22,7 @@ help:
 	@echo "make real      diagnose the measured plates of ../shared/data, where they are"
 	@echo "make chairs    time three users from a file to an answer"
 	@echo "make load      time and memory of large work: many runs, members, lines and elements"
+	@echo "make mutants   put faults into the code one at a time and count those that no test sees (25 minutes)"
 	@echo "make clean     remove the virtual environment and caches"
 
 run: $(VENV)/.run
@@ -87,6 +88,11 @@ chairs: $(VENV)/.run
 load: export OMP_NUM_THREADS = 1
 load: $(VENV)/.run
 	$(BIN)/python -m torchplate.studies.load
+
+# Of one seed, so that the same ones are drawn again.
+mutants: export OMP_NUM_THREADS = 1
+mutants: $(VENV)/.check
+	$(BIN)/python tests/trust/mutating.py --mutants 214 --seed 1 --write
 
 clean:
 	rm -rf $(VENV) site .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -196,6 +196,9 @@ def test_it_says_where_a_search_looks_for_it(effect, example):
         assert found.low in parameter.allowed, name
         assert found.high in parameter.allowed, name
         assert found.low <= example.value[name] <= found.high, f"a search would never meet {effect.name}.{name}"
+        if parameter.prior.relative_to in Plate.parameters:
+            # What is taken as known may be right.
+            assert parameter.prior.low < 1 < parameter.prior.high, name
         if parameter.neutral is not None and not parameter.prior.logarithmic:
             assert found.low <= parameter.neutral <= found.high, name
 

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from torchplate.model import Searched, basis_error, error_estimate, estimated_error, fine_mesh
+from torchplate.model.error_estimate import _importance
 from torchplate.model.reduced_basis import ritz_basis
 from torchplate.plate import Mesh
 
@@ -17,10 +18,10 @@ N_LINE = 80
 MESHES = {"rectangle": Mesh(0.7, 0.4, 8, 6), "square": Mesh(0.48, 0.48, 7, 7)}
 
 
-def made(plates, mesh: Mesh, kind: str = "accelerance", margin: float = 1.3):
-    model = plates.build(
-        mesh, {}, BOX, response=[3, (0.61, 0.37)], reference=None if kind == "transmissibility" else [8, 12], kind=kind
-    )
+def made(plates, mesh: Mesh, kind: str = "accelerance", margin: float = 1.3, loss: float | None = None):
+    known = {} if loss is None else {"field.base": loss}
+    points = {"response": [3, (0.61, 0.37)], "reference": None if kind == "transmissibility" else [8, 12]}
+    model = plates.build(mesh, known, BOX, loss_field=loss is not None, kind=kind, **points)
     frequency = torch.linspace(0.3, 7.0, N_LINE, dtype=torch.float64) * plates.first_bending(mesh)
     middle = model.space.to_si(torch.full((1, len(model.names)), 0.5, dtype=torch.float64))
     reduced = model.projected(ritz_basis(model, middle, frequency, 0, margin))
@@ -70,3 +71,19 @@ def test_the_measured_error_is_the_worst_of_the_members(plates, monkeypatch, den
     found = basis_error(model, reduced, theta, frequency)
     # Modal sum and sparse solves agree with the direct solve to 1e-8.
     assert found == pytest.approx(float(true_error(model, reduced, theta, frequency).max()), rel=1e-4)
+
+
+def test_the_estimate_knows_elements_with_a_loss_of_their_own(plates) -> None:
+    model, reduced, theta, frequency = made(plates, MESHES["rectangle"], margin=2.0, loss=0.02)
+    ratio = estimated_error(model, reduced, theta, frequency) / true_error(model, reduced, theta, frequency)
+    # As where all elements lose alike.
+    assert float(ratio.min()) > 0.3
+    assert float(ratio.max()) < 3.0
+
+
+def test_which_lines_count_hangs_on_no_unit(plates) -> None:
+    model, _, theta, frequency = made(plates, MESHES["rectangle"])
+    frf = model.frf(theta, frequency)[0]
+    # Receptances of a stiff plate in m/N are below 1e-6; here smaller ones, and some larger.
+    for unit in (1e-12, 1e9):
+        torch.testing.assert_close(_importance(unit * frf), _importance(frf), rtol=1e-9, atol=0)

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from torchplate.model import Searched, reduce
+from torchplate.model import Modes, Searched, modal_impedance, own_damping, reduce
 from torchplate.model.modes import solve_eigenvalues
 from torchplate.plate import Mesh
 
@@ -98,3 +98,15 @@ def test_no_more_than_three_are_taken_for_rigid() -> None:
     value = torch.tensor([1e-20, 2e-20, -3e-20, 4e-20, 1.0], dtype=torch.float64)
     found = solve_eigenvalues(torch.diag(value), torch.eye(5, dtype=torch.float64))
     assert int((found == 0).sum()) == 3
+
+
+@SHAPES
+def test_what_loses_by_strain_damps_no_motion_without_strain(plates, name: str) -> None:
+    known = {"loss.stiffness_loss_factor": 0.01, "loss.mass_loss_factor": 3.7, "rayleigh.mass_coefficient": 0.8}
+    model = plates.build(MESHES[name], known)
+    system, modes = model.system(plates.nothing), model.modes(plates.nothing)
+    impedance = modal_impedance(system, Modes(modes.eigenvalue, modes.shape), 1j * modes.eigenvalue.sqrt()[3:5])
+    own = own_damping(impedance, system.force)
+    assert own[:3].tolist() == [3.7, 3.7, 3.7]
+    elastic = modes.eigenvalue[3:6]
+    torch.testing.assert_close(own[3:6], 0.01 * elastic + 3.7 + 0.8 * elastic.sqrt(), rtol=1e-9, atol=0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from torchplate.model import Searched
 from torchplate.plate import Mesh
 
 SIDES, CELLS = (0.7, 0.4), (4, 3)
@@ -77,6 +78,17 @@ def test_the_plate_follows_its_held_edges_when_they_move_slowly(plates, name: st
     assert float((found[0] - 1).abs().max()) < 1e-15
     # What it lags by is (f/f₁)², here 1e-6, times a participation factor below two.
     assert 0 < (found[1] - 1).abs().max() < 3e-6
+
+
+def test_of_no_member_or_no_line_it_has_one_column_all_the_same(plates) -> None:
+    mesh = Mesh(*SIDES, *CELLS, edges={"x0": "clamped"})
+    box = {"plate.youngs_modulus": Searched(6e10, 8e10)}
+    model = plates.build(mesh, {}, box, kind="transmissibility", response=POINTS)
+    frequency = torch.tensor([11.0, 29.0], dtype=torch.float64)
+    theta = torch.tensor([[7e10]], dtype=torch.float64)
+    assert model.frf(theta, frequency).shape == (1, 2, 3, 1)
+    assert model.frf(theta[:0], frequency).shape == (0, 2, 3, 1)
+    assert model.frf(theta, frequency[:0]).shape == (1, 0, 3, 1)
 
 
 def test_a_point_on_a_held_edge_moves_with_it(plates) -> None:

@@ -221,6 +221,14 @@ def test_a_reduced_basis_gives_the_projection_of_the_full_matrices(n_element: in
         torch.testing.assert_close(found, expected, rtol=0, atol=1e-12 * expected.abs().max().item())
 
 
+@pytest.mark.parametrize("name", list(MESHES))
+def test_the_rows_of_each_element_are_its_dofs_and_zero_where_they_are_held(name: str) -> None:
+    mesh = MESHES[name]
+    whole, motion = Assembly(mesh), torch.zeros(mesh.n_dof, dtype=torch.float64)
+    motion[mesh.free_dof] = torch.randn(len(mesh.free_dof), generator=torch.Generator().manual_seed(4)).double()
+    assert torch.equal(whole.element_rows() @ motion[mesh.free_dof], motion[mesh.element_dof])
+
+
 def test_a_row_over_the_dofs_loses_its_held_ones() -> None:
     mesh = MESHES["held"]
     row = torch.arange(float(mesh.n_dof), dtype=torch.float64)[None]

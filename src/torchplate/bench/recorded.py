@@ -1,4 +1,4 @@
-"""Rows of the verification page that take too long to compute anew: what `make blind` and `torchplate bench` wrote last."""
+"""Rows of the verification page that take long to make: what `make blind` and `torchplate bench` wrote last."""
 
 import json
 import re
