@@ -32,6 +32,10 @@ JSON.stringify({
   tables: [...document.querySelectorAll('.table')].map(box => [box.scrollWidth > box.clientWidth,
     getComputedStyle(box).overflowX, Math.ceil(box.getBoundingClientRect().right)]),
   captions: [...document.querySelectorAll('caption span')].map(one => Math.ceil(one.getBoundingClientRect().right)),
+  cells: [...document.querySelectorAll('.table td, .table tbody th')].filter(cell => cell.textContent)
+    .map(cell => Math.ceil(cell.getBoundingClientRect().right)),
+  columns: [...document.querySelectorAll('.folded td')].filter(cell => cell.textContent)
+    .map(cell => [getComputedStyle(cell, '::before').content, cell.dataset.column]),
   figures: [...document.querySelectorAll('svg[role=img]')].map(one => one.getBoundingClientRect())
     .filter(box => box.width > 0).map(box => [box.width, box.height, box.right]),
   hidden: [...document.querySelectorAll('svg[role=img]')].filter(one => !one.getBoundingClientRect().width).length,
@@ -84,7 +88,17 @@ class TestEveryScreen:
         assert all((overflow, right <= width) == ("auto", True) for _, overflow, right in seen[width]["tables"])
         assert all(right <= width for right in seen[width]["captions"])
         if width == min(WIDTHS):
-            assert any(scrolls for scrolls, _, _ in seen[width]["tables"])
+            assert not any(scrolls for scrolls, _, _ in seen[width]["tables"])
+
+    def test_on_a_telephone_every_cell_is_on_the_screen_below_its_column(self, seen, width):
+        told = seen[width]["columns"]
+        assert len(told) > 60
+        if width == min(WIDTHS):
+            assert max(seen[width]["cells"]) <= width
+            assert all(shown == json.dumps(name, ensure_ascii=False) for shown, name in told)
+            assert {"after", "gap after", "found, ± standard error", "what became of it"} <= {name for _, name in told}
+        else:
+            assert {shown for shown, _ in told} == {"none"}
 
     def test_every_figure_is_there_and_of_a_wide_and_a_narrow_one_either(self, seen, width):
         assert all(min(size) > 40 for *size, _ in seen[width]["figures"])

@@ -9,8 +9,10 @@ from torchplate.report.document import Command, Document, Heading, Listing, Para
 from torchplate.report.drawing import svg
 from torchplate.report.page_style import style
 
-SHORT = 36
+SHORT = 30
 """Lines of a cell up to this length are not broken."""
+FOLDED = 3
+"""A table of so many columns has its rows one under the other on a telephone, each cell below its column's name."""
 MANY = 4
 """A report of so many sections begins with links to them."""
 
@@ -90,9 +92,13 @@ def _picture(picture: Picture) -> str:
 
 def _table(table: Table) -> str:
     numbers = [name.endswith(">") for name in table.head]
+    names = [name.removesuffix(">") for name in table.head]
+    # A style that lays cells out otherwise takes their roles away; said again, they stay.
+    folded = len(names) >= FOLDED
+    role = (lambda name: f" role={name}") if folded else (lambda _: "")
     head = "".join(
-        f"<th scope=col{' class=number' if number else ''}>{_inline(name.removesuffix('>'))}</th>"
-        for name, number in zip(table.head, numbers, strict=True)
+        f"<th scope=col{role('columnheader')}{' class=number' if number else ''}>{_inline(name)}</th>"
+        for name, number in zip(names, numbers, strict=True)
     )
     rows = []
     for index, row in enumerate(table.rows):
@@ -100,15 +106,17 @@ def _table(table: Table) -> str:
         for column, (cell, number) in enumerate(zip(row, numbers, strict=True)):
             lines = cell.split("\n")
             kind = " class=number" if number else " class=short" if max(map(len, lines)) <= SHORT else ""
-            tag, scope = ("td", "") if column else ("th", " scope=row")
-            cells.append(f"<{tag}{scope}{kind}>{'<br>'.join(map(_inline, lines))}</{tag}>")
-        rows.append(f"<tr{' class=marked' if index in table.marked else ''}>{''.join(cells)}</tr>")
+            tag, scope = ("td", role("cell")) if column else ("th", f" scope=row{role('rowheader')}")
+            told = f' data-column="{html.escape(re.sub(r"[`*]", "", names[column]))}"' if folded and column else ""
+            cells.append(f"<{tag}{scope}{kind}{told}>{'<br>'.join(map(_inline, lines))}</{tag}>")
+        rows.append(f"<tr{role('row')}{' class=marked' if index in table.marked else ''}>{''.join(cells)}</tr>")
     body = "\n".join(rows)
     label = html.escape(re.sub(r"[`*]", "", table.caption))
     return (
-        f'<div class=table role=region tabindex=0 aria-label="{label}"><table>'
-        f"<caption><span>{_inline(table.caption)}</span></caption>"
-        f"<thead><tr>{head}</tr></thead><tbody>\n{body}\n</tbody></table></div>"
+        f'<div class="table{" folded" if folded else ""}" role=region tabindex=0 aria-label="{label}">'
+        f"<table{role('table')}><caption><span>{_inline(table.caption)}</span></caption>"
+        f"<thead{role('rowgroup')}><tr{role('row')}>{head}</tr></thead>"
+        f"<tbody{role('rowgroup')}>\n{body}\n</tbody></table></div>"
     )
 
 

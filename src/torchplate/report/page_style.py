@@ -81,6 +81,20 @@ figure { margin: 1.2rem 0; }
   .narrow { display: block; }
   .narrow svg { width: 100%; max-width: 27rem; }
 }
+@media screen and (max-width: 34rem) {
+  .folded table, .folded caption, .folded tbody { display: block; }
+  .folded caption span { width: auto; }
+  .folded thead { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }
+  .folded tr { display: flex; flex-wrap: wrap; gap: 0.25rem 1.1rem; padding: 0.5rem 0;
+    border-bottom: 1px solid var(--rule); }
+  .folded tr.marked { background: var(--tint); }
+  .folded td, .folded th[scope=row] { display: block; padding: 0; border: 0; white-space: normal; text-align: left;
+    min-width: 4.5rem !important; max-width: 100%; overflow-wrap: anywhere; }
+  .folded th[scope=row] { flex: 0 0 100%; font-weight: 600; }
+  .folded td:empty { display: none; }
+  .folded td::before { content: attr(data-column); display: block; color: var(--muted); font-size: 0.78rem;
+    font-weight: 400; line-height: 1.3; }
+}
 figcaption { color: var(--muted); font-size: 0.9rem; margin-top: 0.4rem; max-width: 46rem; }
 footer { color: var(--muted); font-size: 0.85rem; margin-top: 2.5rem; padding-top: 0.8rem;
   border-top: 1px solid var(--rule); }
