@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         modes,
         read_measurement,
         read_modal_model,
+        simulate,
         write_modal_model,
         write_uff,
     )
@@ -85,6 +86,7 @@ __all__ = [
     "read_measurement",
     "read_modal_model",
     "reduce",
+    "simulate",
     "what_changed",
     "write_modal_model",
     "write_uff",
@@ -102,6 +104,7 @@ _HOME = {
         "modes",
         "read_measurement",
         "read_modal_model",
+        "simulate",
         "write_modal_model",
         "write_uff",
     ),

@@ -189,7 +189,10 @@ def test_a_config_that_exists_is_not_overwritten(roved, tmp_path, command):
     status, _, error = command("new", file, *PLATE, "--out", tmp_path / "plate.yaml")
     assert status == 2
     assert "one that exists" in error
+    assert "--force" in error
     assert (tmp_path / "plate.yaml").read_text() == "mine"
+    assert command("new", file, *PLATE, "--out", tmp_path / "plate.yaml", "--force")[0] == 0
+    assert "torchplate new" in (tmp_path / "plate.yaml").read_text()
 
 
 def test_a_broken_or_absent_file_is_refused(tmp_path, command):

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from torchplate.effects import HystereticDamping, Plate, SupportSpring, ViscousDamping
-from torchplate.measurement import PERFECT, Imperfections, modal_test
+from torchplate.effects import HystereticDamping, Plate, Searched, SupportSpring, ViscousDamping
+from torchplate.measurement import PERFECT, Imperfections, modal_test, simulate
 from torchplate.measurement.analyser import ANALYSERS, Analyser
 from torchplate.measurement.measurement import SI_UNIT, Measurement
 from torchplate.measurement.modal_test import Hammer, Hits, hammer_test
@@ -393,3 +393,39 @@ def test_a_mode_with_another_damping_peaks_as_much_lower():
     )
     # Neighbours add a hundredth or so to a peak of a quality of 500.
     torch.testing.assert_close((scattered / plain).abs().flatten(), 1 / factor[3:5], rtol=0.02, atol=0.0)
+
+
+class TestSimulate:
+    """In one call from Python, as `torchplate simulate` makes it."""
+
+    YOUNG = 70e9
+    ANALYSER = Analyser(span=400.0, n_line=50, n_average=1, n_pre_trigger=20, bits=None)
+
+    def plate(self) -> PlateModel:
+        known = ALUMINIUM | {"loss.stiffness_loss_factor": 0.02}
+        del known["plate.youngs_modulus"]
+        searched = {"plate.youngs_modulus": Searched(5e10, 9e10)}
+        return PlateModel(RECTANGLE.mesh, RECTANGLE.effects, known, searched)
+
+    def test_it_hits_the_plate_of_these_values(self):
+        model, points = self.plate(), {"response": [3], "reference": [1, (0.7, 0.6)]}
+        found = simulate(model, [self.YOUNG], analyser=self.ANALYSER, without_mesh=False, seed=7, **points)
+        by_hand = hammer_test(
+            RECTANGLE, KNOWN, analyser=self.ANALYSER, hammer=Hammer(), generator=torch.Generator().manual_seed(7),
+            **points,
+        )  # fmt: skip
+        # The basis holds to 1e-6 of an FRF's norm on its lines.
+        assert (found.frf - by_hand.frf).norm() < 1e-5 * by_hand.frf.norm()
+        # A mesh of 4 × 3 elements is off by more than a per cent; the caller's model is left alone.
+        better = simulate(model, [self.YOUNG], analyser=self.ANALYSER, seed=7, **points)
+        assert (better.frf - by_hand.frf).norm() > 1e-2 * by_hand.frf.norm()
+        assert model.response is None
+
+    def test_what_is_no_plate_or_no_analyser_is_refused_with_a_way_out(self):
+        model, points = self.plate(), {"response": [3], "reference": [1]}
+        with pytest.raises(ValueError, match=r"plate\.youngs_modulus, got none.*Give theta"):
+            simulate(model, **points)
+        with pytest.raises(ValueError, match=r"shape \(2, 1\).*one member at a time"):
+            simulate(model, torch.full((2, 1), self.YOUNG), **points)
+        with pytest.raises(ValueError, match=r"analyser of .*sr785.*got 'b'"):
+            simulate(model, [self.YOUNG], analyser="b", **points)

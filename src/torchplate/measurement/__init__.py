@@ -32,6 +32,7 @@ Map:
     modal_uff: the same from datasets 55 and 2414, and written as 55
     modal_analysis: the same estimated from FRFs
     analyser, modal_test: the virtual hammer test, which makes a measurement from a model
+    simulation: the same of a model without its mesh error (`simulate`)
 """
 
 from torchplate.measurement.analyser import ANALYSERS, Analyser, Spectra
@@ -57,6 +58,7 @@ from torchplate.measurement.record_files import Layout, read_recordings
 from torchplate.measurement.record_tables import RECORD_SUFFIX
 from torchplate.measurement.recording import Cutting, Hits, Recording, cut
 from torchplate.measurement.resonances import Resonances
+from torchplate.measurement.simulation import simulate
 from torchplate.measurement.uff import read_uff
 from torchplate.measurement.uff_file import read_geometry
 from torchplate.measurement.uff_writer import write_uff
@@ -124,6 +126,7 @@ __all__ = [
     "read_nodes",
     "read_recordings",
     "read_uff",
+    "simulate",
     "summed_amplitude",
     "with_nodes",
     "with_std",

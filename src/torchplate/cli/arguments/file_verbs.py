@@ -31,6 +31,7 @@ def _new_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--kind", choices=list(KINDS), help="of the FRFs, where the file does not say")
     parser.add_argument("--out", type=Path, metavar="CONFIG.yaml", help="the config (default: the file's name .yaml)")
+    parser.add_argument("--force", action="store_true", help="write over a config that is there")
 
 
 def _new(parsed: Parsed) -> None:
@@ -48,7 +49,7 @@ def _new(parsed: Parsed) -> None:
         edges=tuple(parsed.edge),
         kind=parsed.kind,
     )
-    new(parsed.file, wishes, parsed.out)
+    new(parsed.file, wishes, parsed.out, force=parsed.force)
 
 
 def _inspect_arguments(parser: ArgumentParser) -> None:

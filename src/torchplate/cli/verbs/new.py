@@ -14,7 +14,9 @@ from torchplate.cli.verbs.new_text import compose
 from torchplate.measurement import METRES
 
 
-def new(file: Path | str, wishes: Wishes, out: Path | None = None, console: Console | None = None) -> Path:
+def new(
+    file: Path | str, wishes: Wishes, out: Path | None = None, console: Console | None = None, force: bool = False
+) -> Path:
     """Write a config for a measurement.
 
     Args:
@@ -22,6 +24,7 @@ def new(file: Path | str, wishes: Wishes, out: Path | None = None, console: Cons
         wishes: What is known of the plate.
         out: The config; by default the file's name with .yaml, in the current folder.
         console: Where is said what was taken from where.
+        force: Write over a config that is there.
 
     Raises:
         InputError: Something that was told cannot be.
@@ -29,8 +32,10 @@ def new(file: Path | str, wishes: Wishes, out: Path | None = None, console: Cons
     """
     console = console or Console()
     file, out = Path(file), Path(out or f"{Path(file).stem}.yaml")
-    if out.exists():
-        raise InputError(f"--out {out}: Expected a new file, got one that exists. Name another, or remove it.")
+    if out.exists() and not (force and out.is_file()):
+        raise InputError(
+            f"--out {out}: Expected a new file, got one that exists. Name another, or give --force to write over it."
+        )
     if out.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out {out}: Expected a name that ends in .yaml, got '{out.suffix}'. Rename it.")
     _check(wishes)

@@ -3,19 +3,17 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import torch
 from rich.console import Console
 
 from torchplate.cli.config import InputError
 from torchplate.cli.config.build import Run, load_run
 from torchplate.cli.folder.writing import whole
-from torchplate.measurement import ANALYSERS, Analyser, Hammer, Measurement, hammer_test, write_uff
-from torchplate.model import PlateModel, extrapolate, reduce
+from torchplate.measurement import ANALYSERS, Analyser, Hammer, Measurement, write_uff
+from torchplate.measurement import simulate as hit
+from torchplate.model import PlateModel
 from torchplate.search import unknown_name
 
 SUFFIXES = (".uff", ".unv", ".uf", ".npz")
-# The tested plate may live in a reduced basis only if that cannot be told from the plate itself.
-BASIS_TOLERANCE = 1e-6
 
 
 def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console: Console | None = None) -> Measurement:
@@ -52,21 +50,19 @@ def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console
     response, reference = _points(recipe, model)
     analyser, hammer = _analyser(recipe), _hammer(recipe)
     # What is tested has no mesh: else whoever refines the model finds the error of this one.
-    plate = extrapolate(model, float(analyser.frequency.max())).model if settings.extrapolate else model
     imperfections = recipe.imperfections()
-    plate = _in_reduced_basis(plate, response, reference, analyser, shared=not imperfections.damping_scatter)
     measurement = recipe.told(
         "modal_test",
-        lambda: hammer_test(
-            plate,
-            model.known.new_zeros(0),
+        lambda: hit(
+            model,
             response=response,
             reference=reference,
             analyser=analyser,
             hammer=hammer,
-            generator=torch.Generator().manual_seed(settings.seed),
             kind=settings.kind,
             imperfections=imperfections,
+            without_mesh=settings.extrapolate,
+            seed=settings.seed,
         ),
     )
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -115,31 +111,3 @@ def _hammer(recipe: Run) -> Hammer:
             raise recipe.error("modal_test.hammer", unknown_name("setting of a hammer", key, known))
     settings = recipe.typed("modal_test.hammer", Hammer, given)
     return recipe.told("modal_test.hammer", lambda: Hammer(**settings))
-
-
-def _in_reduced_basis(
-    model: PlateModel,
-    response: Sequence[int | tuple[float, float]],
-    reference: Sequence[int | tuple[float, float]],
-    analyser: Analyser,
-    shared: bool = True,
-) -> PlateModel:
-    """The plate in a basis that holds up to the end of the analyser's anti-alias filter, where there is one.
-
-    Args:
-        model: the plate.
-        response: sensors.
-        reference: points that are hit.
-        analyser: whose lines matter.
-        shared: whether the basis may be of shared modes, which take one law of damping for all.
-    """
-    model.response, model.reference, model.kind = response, reference, "receptance"
-    # The filter lets through what lies below the sampling rate less the span.
-    lines = torch.linspace(1.0, 1.6, 2, dtype=torch.float64)[:, None] * analyser.frequency[1:][None, ::10]
-    small = reduce(model, lines.flatten().sort().values.to(model.known), tolerance=BASIS_TOLERANCE)
-    if small is None:
-        return model
-    found, basis = small[0], small[0].assembly.basis
-    if found.shared_modes is None or shared:
-        return found
-    return model if basis is None or basis.shape[0] == basis.shape[1] else model.projected(basis.to(model.known))
