@@ -45,5 +45,14 @@ def test_every_config_is_one(path):
 
 
 def test_every_figure_and_page_it_links_to_is_there():
-    for link in re.findall(r"\]\(([^)#]+)\)", README):
+    links = [link for link in re.findall(r"\]\(([^)#]+)\)", README) if not link.startswith("https://")]
+    assert links
+    for link in links:
         assert (ROOT / link).exists(), link
+
+
+def test_it_is_short_and_its_lines_fit_a_screen():
+    lines = README.splitlines()
+    assert len(lines) <= 150
+    # A row of a table cannot be broken.
+    assert not [line for line in lines if len(line) > 126 and not line.startswith("|")]
