@@ -290,7 +290,7 @@ class Measurement:
         if named is None:
             raise MeasurementError(
                 f"{path}: expected a kind in the archive or in the config, got none. "
-                f"Set measurement.kind to one of {', '.join(KINDS)}."
+                f"Set measurement.kind (--kind of `torchplate new`) to one of {', '.join(KINDS)}."
             )
         checked = checked_kind(named, str(path))
         frf = arrays["frf"].astype(np.complex128)

@@ -100,7 +100,8 @@ def _kind_and_factor(
         raise MeasurementError(
             f"{path}: expected specifiers that name one kind for all FRFs (8, 11 or 12 over 13), got "
             f"{first.numerator} over {first.denominator} in record {first.number}"
-            f"{', and others that differ' if stated else ''}. Set measurement.kind to one of {', '.join(KINDS)}."
+            f"{', and others that differ' if stated else ''}. Set measurement.kind (--kind of `torchplate new`) to one "
+            f"of {', '.join(KINDS)}."
         )
     else:
         chosen = found
