@@ -90,6 +90,21 @@ def test_a_floor_that_is_flat_in_another_motion_is_told_from_its_course(lab, kin
     assert all(float(part.mean()) == pytest.approx(1.0, abs=0.15) for part in ratio.split(79))
 
 
+@pytest.mark.check
+def test_poles_do_not_take_on_a_floor_that_rises(lab, monkeypatch):
+    """An accelerometer's beside mobilities: where narrow poles took on the noise, what is left no longer shows it."""
+    line = lab.lines(1.0)
+    frf = lab.plate(6e-4, kind="mobility").frf(lab.nobody, line, lab.nodes[:4], lab.nodes[4:8])
+    course = 1 / line
+    std = (course[:, None, None] / course.norm() * 5e-4 * frf.norm(dim=0) / math.sqrt(2)).expand(frf.shape)
+    given = lab.measured(line, frf + lab.noise_of(std, 8), lab.nodes[:4], lab.nodes[4:8], kind="mobility")
+    monkeypatch.setattr(RationalFit, "flattest", lambda *_: "")
+    found = noise_level(given)
+    assert "flat in acceleration" in found.sentences[0]
+    ratio = (found.std / std).square().flatten(1).mean(1)
+    assert all(float(part.mean()) == pytest.approx(1.0, abs=0.1) for part in ratio.split(40))
+
+
 def test_few_lines_for_many_resonances_still_tell_noise_from_signal(lab):
     """Sixty lines over sixteen modes: less than four lines for each, most of them far from any peak."""
     line = lab.lines(395.0 / 59)

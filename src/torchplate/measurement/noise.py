@@ -149,15 +149,13 @@ def _from_smoothness(
         )
     scale = frf.abs().square().mean(0).sqrt()
     line = measurement.frequency.to(frf.real)
-    fit = RationalFit.of(line, frf / scale)
-    motion, flat = fit.flattest(_floors(measurement.kind, line))
-    if motion:
-        fit = RationalFit.of(line, frf / scale, flat)
+    fit, motion = RationalFit.likeliest(line, frf / scale, _floors(measurement.kind, line))
     sensor, signal = fit.level.unbind(-1)
     smooth = fit.smooth
-    variance = 0.5 * (sensor * flat[:, None] + signal * smooth.abs().square()) * scale.square()
+    variance = 0.5 * (sensor * fit.flat + signal * smooth.abs().square()) * scale.square()
     kinds = (
-        f"{math.sqrt(float(sensor.mean())):.2%} of each FRF's root mean square at every line{motion} and "
+        f"{math.sqrt(float(sensor.mean())):.2%} of each FRF's root mean square at every line"
+        f"{f', flat in {motion},' if motion else ''} and "
         f"{math.sqrt(float(signal.mean())):.2%} of |H| itself"
     )
     pole, residue, polynomial = fit.fractions

@@ -39,6 +39,8 @@ EXCESS: Final = 0.3
 LEFT: Final = 0.02
 # What another course of a sensor's floor must lower twice the negative log-likelihood by: one of three, for certain.
 CERTAIN: Final = 20.0
+# Lines that stand out alone by chance, at most: each round lets one do so in twenty tests.
+BY_CHANCE: Final = 2
 # Where a new pole goes, in line spacings from its line; and the part of its width within which one is there already.
 BESIDE: Final = (0.0, 0.4, -0.4)
 ALIKE: Final = 0.01
@@ -101,6 +103,42 @@ class RationalFit:
             # More resonances than there is room for: what they leave is no noise.
             return cls.of(frequency, frf, flat, FEWEST)
         return fit
+
+    @classmethod
+    def likeliest(
+        cls,
+        frequency: Float[Tensor, " n_line"],
+        frf: Complex[Tensor, "n_line n_frf"],
+        floors: Mapping[str, Float[Tensor, " n_line"]],
+    ) -> tuple["RationalFit", str]:
+        """The fit beside the course of a sensor's floor that is likeliest, and the motion in which that is flat.
+
+        Beside a wrong course poles take on the noise where there is more of it than expected, and what is left has the
+        course that was expected: where lines stand out alone all courses are tried, and each pole has its price.
+
+        Args:
+            frequency: lines [Hz].
+            frf: of root mean square 1.
+            floors: courses beside a flat one that it may have, by motion.
+        """
+        fit = cls.of(frequency, frf)
+        alone = int((~fit.has_width).sum()) > BY_CHANCE
+        best = fit, ""
+        for motion in floors if alone else {fit.flattest(floors)} - {""}:
+            other = cls.of(frequency, frf, floors[motion])
+            if other.price() + CERTAIN < best[0].price():
+                best = other, motion
+        return best
+
+    def price(self) -> float:
+        """−2 ln of the likelihood beside the noise found, and its numbers' cost (Bayesian information criterion)."""
+        sensor, signal = self.level.unbind(-1)
+        smooth = self.smooth
+        variance = (sensor * self.flat + signal * smooth.abs().square()).clamp(min=1e-300)
+        left = (self.frf - smooth).abs().square()
+        n_line, n_frf = self.frf.shape
+        n_number = 2 * len(self.pole) + 2 * n_frf * (len(self.pole) + N_SMOOTH)
+        return float(2 * (variance.log() + left / variance).sum()) + n_number * math.log(2 * n_line * n_frf)
 
     @property
     def smooth(self) -> Complex[Tensor, "n_line n_frf"]:
@@ -292,20 +330,20 @@ class RationalFit:
         self.n_own = int((~common).sum())
         self.level = torch.where(common[:, None], pooled, own)
 
-    def flattest(self, floors: Mapping[str, Float[Tensor, " n_line"]]) -> tuple[str, Float[Tensor, " n_line"]]:
-        """The course of a sensor's floor that the squares of the residual make likeliest, and of which motion it is.
+    def flattest(self, floors: Mapping[str, Float[Tensor, " n_line"]]) -> str:
+        """In which motion a sensor's floor is flat, as the squares of the residual make likeliest; empty for the FRF's.
 
         Args:
             floors: courses that it may have, beside a flat one.
         """
-        best, found = math.inf, ("", torch.ones_like(self.frequency))
-        for motion, flat in {"": found[1], **floors}.items():
+        best, found = math.inf, ""
+        for motion, flat in {"": torch.ones_like(self.frequency), **floors}.items():
             reached, left = self._reach(self.weight.square()[:, None] * flat[:, None])
             design = torch.stack([reached.expand_as(self.square), self.design[..., 1]], dim=-1)
             y, x = self.square[left > LEFT], design[left > LEFT]
             cost = float(regressed(y, x)[1].sum()) + (CERTAIN if motion else 0.0)
             if cost < best:
-                best, found = cost, (f", flat in {motion}," if motion else "", flat)
+                best, found = cost, motion
         return found
 
     def times(self, variance: Float[Tensor, "n_line n_frf"]) -> Float[Tensor, " n_frf"]:
