@@ -22,7 +22,7 @@ help:
 	@echo "make real      diagnose the measured plates of ../shared/data, where they are"
 	@echo "make chairs    time three users from a file to an answer"
 	@echo "make load      time and memory of large work: many runs, members, lines and elements"
-	@echo "make mutants   put faults into the code one at a time and count those that no test sees (25 minutes)"
+	@echo "make mutants   put faults into the code one at a time and count those that no test sees (half an hour)"
 	@echo "make clean     remove the virtual environment and caches"
 
 run: $(VENV)/.run
