@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from torchplate.diagnosis.selection.null import drawn, falls, once_in_a_hundred
+from torchplate.diagnosis.selection.products import Products, best_of_places
 from torchplate.diagnosis.selection.screen import screen
 
 
@@ -15,17 +16,19 @@ def random(*shape: int, seed: int = 3) -> torch.Tensor:
 def test_parameters_of_one_effect_take_what_their_number_says(n):
     draws = random(4000, 60)
     change = random(n, 60, seed=n) * torch.logspace(-2, 2, n, dtype=torch.float64)[:, None]
-    found = falls(change, draws, together=True)
+    found = falls(change, draws)
     # Chi squared with as many degrees of freedom as there are parameters.
     assert float(found.mean()) == pytest.approx(n, rel=0.06)
     assert float(found.var()) == pytest.approx(2 * n, rel=0.15)
     # One that says the same again adds nothing.
-    assert torch.allclose(falls(torch.cat([change, 2 * change]), draws, together=True), found)
+    assert torch.allclose(falls(torch.cat([change, 2 * change]), draws), found)
 
 
 def test_the_best_of_many_places_takes_more_than_one_of_them():
     draws, places = random(2000, 80), random(49, 80, seed=5)
-    one, best = (falls(places[:n], draws, together=False) for n in (1, 49))
+    nothing = draws.new_zeros(80, 0)
+    products = Products(None, draws[0], nothing, draws, 80)
+    one, best = (best_of_places(products.of(places[:n])) for n in (1, 49))
     assert float(one.mean()) == pytest.approx(1.0, rel=0.1)
     # The largest of 49 squares of normal numbers: 1 − (1 − 1/98)-quantile squared.
     assert 5.5 < float(best.quantile(0.5)) < 6.5
@@ -33,7 +36,7 @@ def test_the_best_of_many_places_takes_more_than_one_of_them():
 
 
 def test_what_says_nothing_takes_nothing():
-    assert not falls(torch.zeros(2, 9, dtype=torch.float64), random(7, 9), together=False).any()
+    assert not falls(torch.zeros(2, 9, dtype=torch.float64), random(7, 9)).any()
     assert once_in_a_hundred(torch.zeros(0, 7, dtype=torch.float64)) == 0.0
 
 

@@ -172,30 +172,29 @@ class Marginal:
 
     def along(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch n_nuisance"]:
         """Jᵀ r."""
-        whole = residual.unflatten(-1, self._shape)
-        parts = [residual @ self._common]
-        if self._own.shape[-1]:
-            moved = whole.movedim(-3, -4).flatten(-3)
-            parts.append((moved[..., None, :] @ self._own).flatten(-3))
-        if self._other.shape[-1]:
-            moved = whole.movedim(-2, -4).flatten(-3)
-            parts.append((moved[..., None, :] @ self._other).flatten(-3))
+        n_row = residual.shape[:-1].numel()
+        whole, parts = residual.reshape(n_row, *self._shape), [residual @ self._common]
+        # Channel by channel one product for all rows: each channel's columns are read once.
+        for columns, side in ((self._own, 2), (self._other, 3)):
+            if columns.shape[-1]:
+                moved = whole.movedim(side, 0).flatten(2)
+                parts.append((moved @ columns).movedim(0, 1).reshape(*residual.shape[:-1], len(columns) * columns.shape[-1]))
         return torch.cat(parts, dim=-1)
 
     def across(self, value: Float[Tensor, "*batch n_nuisance"]) -> Float[Tensor, "*batch n_residual"]:
         """J ν."""
         k, k_own, k_other = self._common.shape[-1], self._own.shape[-1], self._other.shape[-1]
-        n_response, n_reference = len(self._own), len(self._other)
+        n_line, n_response, n_reference, _ = self._shape
         common, own, other = value.split([k, n_response * k_own, n_reference * k_other], dim=-1)
-        found = common @ self._common.mT
-        n_line = self._shape[0]
+        n_row = value.shape[:-1].numel()
+        found = (common @ self._common.mT).reshape(n_row, *self._shape)
         if k_own:
-            moved = (own.unflatten(-1, (n_response, 1, k_own)) @ self._own.mT)[..., 0, :]
-            found = found + moved.unflatten(-1, (n_line, n_reference, 2)).movedim(-4, -3).flatten(-4)
+            moved = own.reshape(n_row, n_response, k_own).movedim(1, 0) @ self._own.mT
+            found += moved.unflatten(-1, (n_line, n_reference, 2)).permute(1, 2, 0, 3, 4)
         if k_other:
-            moved = (other.unflatten(-1, (n_reference, 1, k_other)) @ self._other.mT)[..., 0, :]
-            found = found + moved.unflatten(-1, (n_line, n_response, 2)).movedim(-4, -2).flatten(-4)
-        return found
+            moved = other.reshape(n_row, n_reference, k_other).movedim(1, 0) @ self._other.mT
+            found += moved.unflatten(-1, (n_line, n_response, 2)).permute(1, 2, 3, 0, 4)
+        return found.reshape(*value.shape[:-1], self.weight.numel() * 2)
 
     def over_noise(self, off: Complex[Tensor, "*batch n_frequency n_response n_reference"]) -> Tensor:
         """Residuals over √D, as real numbers; zero where an FRF does not count."""
@@ -289,6 +288,14 @@ class Marginal:
         if not len(self.group):
             return residual
         return residual - self.across(self.along(residual) @ self._half)
+
+    def hidden(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch"]:
+        """What whitening takes off the sums of squares of residuals over √D."""
+        if not len(self.group):
+            return torch.zeros_like(residual[..., 0])
+        root = self._root(torch.tensor([self.scale.get(name, 1.0) for name in self.names], dtype=torch.float64))
+        half = torch.linalg.solve_triangular(self._lower(root, 1.0), (self.along(residual) * root).mT, upper=False)
+        return half.square().sum(-2)
 
     def precision(self, rows: Float[Tensor, "n n_residual"], judged: Judged) -> Float[Tensor, "n n"]:
         """Products of rows over √D with the inverse of the covariance between them, at the scales of a judgement."""

@@ -16,9 +16,9 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.model.attach import attach, lines_last
+from torchplate.model.attach import attach, lines_last, pulls
 from torchplate.model.batched import joined, solve_each, stack_rows
-from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum
+from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum, pairs_of
 from torchplate.plate import Proportional, is_vmapped
 
 # Impedances solved at once, so that they stay in the cache [bytes].
@@ -152,18 +152,41 @@ def _is_diagonal(hysteretic: Tensor) -> bool:
 
 
 def _by_uncoupled_modes(system: ModalSystem, own_loss: Tensor, response: Tensor, reference: Tensor) -> Tensor:
-    """Z(s) without the dashpots is diagonal: d_r(s) + i h_r, h what each mode loses by itself."""
-    left, right = stack_rows(system.dashpot, response), stack_rows(system.dashpot, reference)
-    pairs = (left[..., :, None, :] * right[..., None, :, :]).flatten(-3, -2)
+    """Z(s) without what is attached at places is diagonal: d_r(s) + i h_r, h what each mode loses by itself.
+
+    Of the side with fewer rows, each is carried to the attached places and to the modes, then to the other side: pairs of
+    all rows with all attached places are never made.
+    """
+    fewer, more, swapped = response, reference, False
+    if response.shape[-2] > reference.shape[-2]:
+        fewer, more, swapped = reference, response, True
+    attached, n_attached = system.dashpot, system.dashpot.shape[-2]
+    pairs = pairs_of(stack_rows(attached, fewer), attached)
     parts = []
     n_member = torch.broadcast_shapes(system.eigenvalue.shape[:-1], own_loss.shape[:-1], pairs.shape[:-2]).numel()
     for part in system.split(max(LINES_AT_ONCE, LINES_OF_ALL // n_member)):
         real, imaginary = part.denominator()
         imaginary = imaginary + own_loss[..., None, :]
         scale = torch.addcmul(imaginary * imaginary, real, real).reciprocal_()
-        found = torch.complex(pairs @ (real * scale).mT, -(pairs @ (imaginary * scale).mT))
-        parts.append(_with_dashpots(found, left, right, part.force))
-    return joined(parts, -1).movedim((0, 1), (-2, -1))
+        # 1 / d, [*batch, mode, line].
+        real, imaginary = (real * scale).mT, (imaginary * -scale).mT
+        if not n_attached:
+            both = pairs_of(fewer, more)
+            found = torch.complex(both @ real, both @ imaginary)
+            parts.append(found.unflatten(-2, (fewer.shape[-2], more.shape[-2])))
+            continue
+        felt = torch.complex(pairs @ real, pairs @ imaginary).unflatten(-2, (-1, n_attached)).movedim((-3, -2), (0, 1))
+        force = lines_last(part.force, felt.ndim - 3)
+        pull = torch.stack(pulls(felt, force.expand(n_attached, *felt.shape[2:])), dim=-2)
+        # [row, *batch, mode, line]
+        down = attached.mT
+        carried = fewer.movedim(-2, 0)[..., None] - down @ pull.real, -(down @ pull.imag)
+        one = more @ torch.addcmul(carried[0] * real, carried[1], imaginary, value=-1)
+        other = more @ torch.addcmul(carried[0] * imaginary, carried[1], real)
+        parts.append(torch.complex(one, other).movedim(0, -3))
+    found = joined(parts, -1)
+    # [*batch, line, response, reference]
+    return found.movedim(-1, -3).mT if swapped else found.movedim(-1, -3)
 
 
 def _by_complex_modes(system: ModalSystem, hysteretic: Tensor, response: Tensor, reference: Tensor) -> Tensor:

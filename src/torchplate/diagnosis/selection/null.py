@@ -31,22 +31,19 @@ def drawn(n_residual: int, n_told: int = 0, seed: int = 0) -> Float[Tensor, "n_d
 
 
 def falls(
-    change: Float[Tensor, "n_member n_residual"], draws: Float[Tensor, "n_draw n_residual"], together: bool
+    change: Float[Tensor, "n_member n_residual"], draws: Float[Tensor, "n_draw n_residual"]
 ) -> Float[Tensor, " n_draw"]:
-    """What one effect would take from the sum of squares of each draw.
+    """What one effect, whose members add up as parameters do, would take from the sum of squares of each draw.
 
     Args:
         change: of each member, freed of what the fitted parameters can do.
         draws: residuals.
-        together: whether members add up, as parameters of one effect do; else the best of them counts, as of places.
     """
     size = change.norm(dim=-1)
     kept = change[size > PARALLEL * size.max().clamp(min=1e-300)]
     if not len(kept):
         return draws.new_zeros(len(draws))
     direction = kept / kept.norm(dim=-1, keepdim=True)
-    if not together:
-        return (draws @ direction.mT).square().amax(-1)
     left, singular, _ = torch.linalg.svd(direction.mT, full_matrices=False)
     return (draws @ left[:, singular > PARALLEL * singular[0]]).square().sum(-1)
 

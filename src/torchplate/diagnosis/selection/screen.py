@@ -21,10 +21,15 @@ from torchplate.diagnosis.candidates.candidate import Candidate, distance, vecto
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.selection.null import falls
+from torchplate.diagnosis.selection.products import Product, Products, best_of_places
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.discrepancy import Marginal
 from torchplate.model import PlateModel
 from torchplate.search import JACOBIANS
+
+
+# Residuals of all members that are scored together: 8 MiB.
+NUMBERS_AT_ONCE = 2**20
 
 
 class Scored(NamedTuple):
@@ -87,56 +92,100 @@ def screen(
     else:
         known, upper, norm = residual.new_zeros(len(residual), 0), residual.new_zeros(0, 0), residual.new_zeros(0)
 
-    def free(change: Tensor) -> Tensor:
-        return change - (change @ known) @ known.mT
+    n_told = len(here.told(theta))
+    left = residual - (residual @ known) @ known.mT
+    products = Products(near, left, known, draws, len(residual) - n_told)
+    felt = known.mT @ residual
 
-    def makes_room(change: Tensor) -> Tensor:
-        """Where the fitted parameters go, to first order, when a candidate takes its change from the residuals."""
-        if not bool(loose.any()):
+    def makes_room(taken: Tensor) -> Tensor:
+        """Where the fitted parameters go, to first order, when a candidate takes so much of what they can do."""
+        if near is None or not bool(loose.any()):
             return theta
         step = torch.zeros_like(position)
-        step[loose] = torch.linalg.lstsq(upper, (known.mT @ (residual - change))[:, None]).solution[:, 0] / norm
-        return base.space.to_si((position - step).clamp(0.0, 1.0)) if near is not None else theta
+        step[loose] = torch.linalg.lstsq(upper, (felt - taken)[:, None]).solution[:, 0] / norm
+        return base.space.to_si((position - step).clamp(0.0, 1.0))
 
-    left = free(residual)
     total = float(left.square().sum())
     found = []
     for candidate in everyone:
         label = new_label(base, candidate.name)
         model = with_candidate(base, label, candidate)
         trials = candidate.near if near is not None else candidate.far
+        changes = _Changes(here, Problem(builder, model, prior, near), theta, plain, level)
         with torch.no_grad():
             exchanged = builder.target.rearranged(plain, base, candidate.effect, level)
             if exchanged is not None:
-                there = here.deviations(exchanged, theta, level)[None]
+                members, changed = theta[None], changes.to(exchanged)[None]
+                score = products.of(changed)
                 builder.count(1)
             else:
                 members = _members(model, theta, base, [trial.values for trial in trials], label)
-                there = Problem(builder, model, prior, near).residual(model.space.to_cube(members), level)
-        whole = residual - there
-        change = free(whole)
-        size = change.square().sum(-1).clamp(min=1e-280)
-        along = change @ left
+                scores = []
+                for some in members.split(_at_once(left)):
+                    changed = changes.of(some)
+                    scores.append(products.of(changed))
+                score = Product(*(torch.cat(part) for part in zip(*scores, strict=True)))
         # A discrete effect is there or not.
-        limits = along.new_tensor([[trial.lowest, trial.highest] for trial in trials])
-        alpha = (along / size).clamp(limits[:, 0], limits[:, 1]) if candidate.searched else torch.ones_like(size)
-        drop = (2 * alpha * along - alpha.square() * size) / max(total, 1e-300)
+        limits = theta.new_tensor([[trial.lowest, trial.highest] for trial in trials])
+        alpha = (score.along / score.size).clamp(limits[:, 0], limits[:, 1])
+        alpha = alpha if candidate.searched else torch.ones_like(alpha)
+        drop = (2 * alpha * score.along - alpha.square() * score.size) / max(total, 1e-300)
         values = [_moved(candidate, dict(one.values), float(a)) for one, a in zip(trials, alpha, strict=True)]
         chosen = _apart(values, drop)
-        rooms = [makes_room(alpha[index] * whole[index]) for index in chosen]
+        rooms = [makes_room(alpha[index] * score.known[index]) for index in chosen]
         starts = torch.stack(
             [start_of(model, room, base, values[index], label) for room, index in zip(rooms, chosen, strict=True)]
         )
         if near is not None and candidate.searched:
             # From where the model is, too: with an effect more it cannot end farther off than without.
             starts = torch.cat([starts, start_of(model, theta, base, values[chosen[0]], label)[None]])
-        best, least = chosen[0], int(size.argmin()) if not candidate.has_place else chosen[0]
-        signature = change[least] / size[least].sqrt()
+        best, least = chosen[0], int(score.size.argmin()) if not candidate.has_place else chosen[0]
+        if len(changed) < len(members):
+            # They were not kept: too many. Of places, one is asked for.
+            some = members[[least]] if candidate.has_place else members
+            with torch.no_grad():
+                changed = changes.of(some)
+        elif candidate.has_place:
+            changed = changed[[least]]
+        freed = products.freed(changed)
+        signature = freed[0 if candidate.has_place else least] / score.size[least].sqrt()
         by_chance = residual.new_zeros(0)
         if draws is not None and candidate.searched:
-            by_chance = falls(change, draws, together=not candidate.has_place)
+            by_chance = best_of_places(score) if candidate.has_place else falls(freed, draws)
         found.append(Scored(candidate, label, model, float(drop[best]), values[best], starts, signature, by_chance))
     return sorted(found, key=lambda one: -one.drop)
+
+
+class _Changes:
+    """What members of a candidate change in the residuals of a baseline, over the noise or over their size.
+
+    Args:
+        here: the baseline.
+        there: the candidate beside it.
+        theta: parameters of the baseline.
+        plain: what it predicts.
+        level: of the residuals.
+    """
+
+    def __init__(self, here: Problem, there: Problem, theta: Tensor, plain: Tensor, level: int) -> None:
+        self._here, self._there, self._theta, self._plain, self._level = here, there, theta, plain, level
+
+    def of(self, members: Float[Tensor, "n_member n"]) -> Float[Tensor, "n_member n_residual"]:
+        """Those of members."""
+        inside = self._there.model.space.to_si(self._there.model.space.to_cube(members))
+        return self.to(self._there.predict(inside, self._level))
+
+    def to(self, prediction: Tensor) -> Tensor:
+        """Those of predictions: the FRFs change, what is known beforehand does not."""
+        near, target = self._here.marginal, self._here.target
+        if near is not None:
+            return near.over_noise(prediction - self._plain)
+        return target.residual(self._plain, self._level) - target.residual(prediction, self._level)
+
+
+def _at_once(residual: Tensor) -> int:
+    """Members whose changes are made together, so that they stay in the cache or near it."""
+    return max(1, NUMBERS_AT_ONCE // len(residual))
 
 
 def twins(scored: Sequence[Scored]) -> list[tuple[str, ...]]:

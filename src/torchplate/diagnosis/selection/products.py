@@ -1,0 +1,86 @@
+"""Inner products of many changes with the residuals, none of the changes whitened.
+
+With W = (D + J S Jᵀ)^−½ over √D, which is symmetric, and K an orthonormal basis of what the fitted parameters can do, a
+change δ over √D is W δ whitened and P W δ freed, P = I − K Kᵀ. All that the score test asks of it are
+
+    rᵀ P W δ = (W P r)ᵀ δ,    |P W δ|² = |W δ|² − |(W K)ᵀ δ|²,
+
+so W is applied once to the few vectors r, K and the draws of chance, not to every change; and |W δ|² follows from Jᵀ δ.
+"""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from torchplate.diagnosis.selection.null import PARALLEL
+from torchplate.discrepancy import Marginal
+
+
+class Product(NamedTuple):
+    """What the score test asks of some changes.
+
+    Attributes:
+        along: inner product of each, freed, with what is left.
+        size: square of each, freed.
+        known: of each with the basis of what the fitted parameters can do.
+        fall: what each alone would take from the sum of squares of each draw.
+    """
+
+    along: Float[Tensor, " n_member"]
+    size: Float[Tensor, " n_member"]
+    known: Float[Tensor, "n_member n_known"]
+    fall: Float[Tensor, "n_member n_draw"]
+
+
+class Products:
+    """Inner products with residuals, with what the fitted parameters can do, and with draws of chance.
+
+    Args:
+        marginal: noise and nuisances; None where residuals are taken as they are.
+        left: whitened residuals, freed of what the fitted parameters can do.
+        known: basis of that, orthonormal.
+        draws: whitened residuals as chance makes them; None where nobody asks.
+        n: of the residuals, those of the FRFs; those of what is known beforehand come after them.
+    """
+
+    def __init__(
+        self,
+        marginal: Marginal | None,
+        left: Float[Tensor, " n_residual"],
+        known: Float[Tensor, "n_residual n_known"],
+        draws: Float[Tensor, "n_draw n_residual"] | None,
+        n: int,
+    ) -> None:
+        self._marginal, self._known, self._n = marginal, known, n
+        rows = [left[None, :n], known.mT[:, :n]]
+        if draws is not None:
+            rows.append((draws - (draws @ known) @ known.mT)[:, :n])
+        self._beside = self.whitened(torch.cat(rows)).mT
+
+    def whitened(self, change: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
+        """W of changes over √D."""
+        return change if self._marginal is None else self._marginal.whitened(change)
+
+    def freed(self, change: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n_residual"]:
+        """P W of changes over √D, which do nothing to what is known beforehand."""
+        found, known = self.whitened(change), self._known
+        told = found.new_zeros(*found.shape[:-1], len(known) - self._n)
+        return torch.cat([found, told], dim=-1) - (found @ known[: self._n]) @ known.mT
+
+    def of(self, change: Float[Tensor, "n_member n"]) -> Product:
+        """Those of some changes over √D."""
+        beside, n_known = change @ self._beside, self._known.shape[-1]
+        along, known, drawn = beside.tensor_split((1, 1 + n_known), dim=-1)
+        whole = change.square().sum(-1)
+        if self._marginal is not None:
+            whole = whole - self._marginal.hidden(change)
+        size = (whole - known.square().sum(-1)).clamp(min=1e-280)
+        return Product(along[:, 0], size, known, drawn.square() / size[:, None])
+
+
+def best_of_places(found: Product) -> Float[Tensor, " n_draw"]:
+    """What the best of some changes would take from each draw, those left out that the fitted parameters can make."""
+    kept = found.size > PARALLEL**2 * found.size.max()
+    return found.fall[kept].amax(0)
