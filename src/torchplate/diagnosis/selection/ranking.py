@@ -73,7 +73,9 @@ class Ranking:
             wanted = (0 if state.named else 1) if no_more else screening.n_sharp
             near = promising(promises, wanted, screening)
             chosen = [(one, one.starts) for one in near]
-            if not is_noise(state.fit):
+            if is_noise(state.fit):
+                hypotheses, chosen = self._checked(state, chosen, by_chance), []
+            else:
                 # What sits at a place begins beside the specimen as it is there, which may have taken on some of it.
                 placed = [one for one in near if one.candidate.has_place]
                 begun = [(one, spread_out(builder, self.prior, state, base, one)) for one in placed]
@@ -167,6 +169,22 @@ class Ranking:
             limit = self.settings.searching.hopeless * least
             beat = self._beat(state, [*before, *found])
             found.append(self.refits.refit(state, one.candidate, one.label, starts, limit, about, begun, beat))
+        return found
+
+    def _checked(
+        self, state: State, chosen: Sequence[tuple[Scored, Tensor]], by_chance: float
+    ) -> list[Hypothesis]:
+        """Refits beside noise: what promises more than chance, or the best; all others where one of these is needed.
+
+        Args:
+            state: that leaves noise.
+            chosen: candidates with their starts, the most promising first.
+            by_chance: fall that chance alone exceeds once in a hundred times.
+        """
+        above = [one for one in chosen if one[0].drop * state.fit.square > by_chance] or list(chosen[:1])
+        found = self._refitted(state, above)
+        if any(is_needed(state.fit, one, by_chance) for one in found):
+            found += self._refitted(state, chosen[len(above) :], found)
         return found
 
     def _beat(self, state: State, found: Sequence[Hypothesis]) -> Beat:
