@@ -1,9 +1,8 @@
 """Exchanged and turned channels are found among all there are, from one product."""
 
-import time
-
 import pytest
 import torch
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from torchplate.diagnosis.candidates.channels import Channels, rearrangements
 
@@ -34,16 +33,25 @@ def fall(read: Read, rearranged: torch.Tensor) -> float:
     return float((before - after).sum())
 
 
+class Operations(TorchDispatchMode):
+    """Counts what torch is asked to do, which no machine's speed changes."""
+
+    count = 0
+
+    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+        self.count += 1
+        return function(*args, **(kwargs or {}))
+
+
 def test_two_exchanged_among_121_references_are_the_first_of_all_pairs_at_once():
     read = Read(2, 121, 800)
     read.measured[..., [33, 87]] = read.measured[..., [87, 33]]
-    began = time.process_time()
-    found = read.found()
-    seconds = time.process_time() - began
+    with Operations() as operations:
+        found = read.found()
     assert found.n_swap == 7260 + 1
     assert found.swap[0] == {"channels": ((None, 33), (None, 87))}
-    # One product of 121 × 1600 numbers: a hundredth of this.
-    assert seconds < 0.7
+    # A product for each side and what is read of it; each of the 366 turns reads one number, by three operations.
+    assert operations.count < 2000
 
 
 def test_two_exchanged_responses_are_found():

@@ -62,12 +62,12 @@ def rearrangements(
     n_swap = 0
     for side, labels in ((1, channels.response), (2, channels.reference)):
         fall = _exchanged(*(part.movedim(side, 0).flatten(1) for part in (measured, predicted, weight)))
-        rows, columns = torch.triu_indices(len(labels), len(labels), 1).tolist() if len(labels) > 1 else ([], [])
+        rows, columns = torch.triu_indices(len(labels), len(labels), 1)
         n_swap += len(rows)
-        for a, b in zip(rows, columns, strict=True):
+        for a, b, taken in zip(rows.tolist(), columns.tolist(), fall[rows, columns].tolist(), strict=True):
             pair = (labels[a], labels[b])
             named = tuple((one, None) if side == 1 else (None, one) for one in pair)
-            found.append((float(fall[a, b]), named))  # type: ignore[arg-type]
+            found.append((taken, named))  # type: ignore[arg-type]
     found.sort(key=lambda one: -one[0])
     swap = tuple({"channels": pair} for _, pair in found[:n])
 
