@@ -1,6 +1,7 @@
 """Modes estimated from FRFs that a model made are the model's; what cannot be estimated is said."""
 
 import importlib
+import inspect
 
 import numpy as np
 import pytest
@@ -110,3 +111,13 @@ def test_without_the_package_one_sentence_says_how_to_get_it(plate, monkeypatch)
     monkeypatch.setattr(importlib, "import_module", absent)
     with pytest.raises(MeasurementError, match=r"pip install 'torchplate-fem\[modal\]'"):
         modes(measured(plate, "accelerance"))
+
+
+@pytest.mark.parametrize("given", ["plate", "test.uff"])
+def test_what_holds_no_frfs_is_refused_by_its_name(plate, given):
+    # Outside the tests nothing checks the types of arguments.
+    unchecked = inspect.unwrap(modes)
+    with pytest.raises(MeasurementError, match="expected measured FRFs") as told:
+        unchecked(plate if given == "plate" else given)
+    for words in ("PlateModel" if given == "plate" else "str", "tp.read_measurement(FILE)", "model.modes(theta)"):
+        assert words in str(told.value)

@@ -62,6 +62,21 @@ def test_called_it_is_frf(model, expected) -> None:
     torch.testing.assert_close(model(THETA, LINES, [3], reference=[24]), expected[..., 1:], rtol=0, atol=0)
 
 
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ((), ["theta, one value in SI units for each of plate.youngs_modulus", "model(theta, frequency)"]),
+        ((THETA,), ["frequency lines [Hz]", "got none", "model(theta, torch.linspace", "model.natural_frequencies"]),
+        ((THETA, None, [3]), ["frequency lines [Hz]", "got none"]),
+    ],
+)
+def test_called_without_lines_it_says_what_to_write(model, given, words) -> None:
+    with pytest.raises(ValueError, match=r"^Expected ") as told:
+        model(*given)
+    assert all(word in str(told.value) for word in words), told.value
+    assert "\n" not in str(told.value)
+
+
 @pytest.mark.parametrize("response", [3, np.int64(3), [np.int64(3)], np.array([3]), torch.tensor([3]), torch.tensor(3)])
 def test_a_node_may_stand_alone_and_come_from_anywhere(model, expected, response) -> None:
     torch.testing.assert_close(model.frf(THETA, LINES, response), expected, rtol=0, atol=0)

@@ -67,9 +67,14 @@ def modes(
         order: Modes at most that the polynomials can hold, half their degree.
 
     Raises:
-        MeasurementError: The package sdypy-EMA is not there, the lines are not even, the band holds too few of them,
-            or no mode comes back.
+        MeasurementError: What is given holds no FRFs, the package sdypy-EMA is not there, the lines are not even, the
+            band holds too few of them, or no mode comes back.
     """
+    if not isinstance(measurement, Measurement):
+        raise MeasurementError(
+            f"modes: expected measured FRFs, a Measurement, got {type(measurement).__name__}. Read them by "
+            "tp.read_measurement(FILE); the modes of a model are model.modes(theta)."
+        )
     ema = _package()
     source = measurement.source or "Measurement"
     frequency = measurement.frequency.cpu().numpy()

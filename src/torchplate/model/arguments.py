@@ -171,6 +171,24 @@ def _real(given: Numbers, name: str, like: Tensor, *, moves: bool = False) -> Te
     return given.to(like)
 
 
+def left_out(is_theta: bool, names: Sequence[str]) -> ValueError:
+    """What to tell who calls a model without theta, or without frequency lines.
+
+    Args:
+        is_theta: whether it is theta that is missing, or the lines.
+        names: the searched parameters.
+    """
+    if is_theta:
+        return ValueError(
+            f"Expected theta, one value in SI units for each of {', '.join(names) or 'no parameter'}, and frequency "
+            "lines [Hz], got no theta. Write model(theta, frequency)."
+        )
+    return ValueError(
+        "Expected frequency lines [Hz] after theta, got none. Write model(theta, torch.linspace(5, 400, 80)), or "
+        "model.natural_frequencies(theta) where no FRF is wanted."
+    )
+
+
 def _no_points(name: str, came: str) -> ValueError:
     return ValueError(
         f"Expected {name} as node labels or relative places [x, y], at least one, got {came}. Write {name}=[3] or "

@@ -2,13 +2,14 @@
 
 import functools
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.effects import Effect, SensorChain
-from torchplate.model.arguments import Numbers, Points, as_frequency
+from torchplate.model.arguments import Numbers, Points, as_frequency, left_out
 from torchplate.model.batched import joined
 from torchplate.model.frf import (
     as_kind,
@@ -149,8 +150,23 @@ class PlateModel(PlateVariants):
             found = joined(parts, 0).reshape(*theta.shape[:-1], *parts[0].shape[1:])
         return found.to(torch.complex64) if single else found
 
-    # Called, a module runs `forward`.
-    forward = frf
+    def forward(
+        self, theta: Numbers | None = None, frequency: Numbers | None = None, *points: Any, **options: Any
+    ) -> Complex[Tensor, "*batch n_frequency n_response n_reference"]:
+        """`frf`, which a module runs when it is called.
+
+        Args:
+            theta: as for `frf`.
+            frequency: likewise [Hz].
+            points: response, reference and what follows them in `frf`.
+            options: likewise, by name.
+
+        Raises:
+            ValueError: as `frf`, and if theta or the lines are left out.
+        """
+        if theta is None or frequency is None:
+            raise left_out(theta is None, self.names)
+        return self.frf(theta, frequency, *points, **options)
 
     def _frf(
         self, theta: Tensor, laplace: Tensor, points: tuple[Tensor, Tensor | None, str], own: bool
