@@ -1,5 +1,7 @@
 """The report says what the file holds and what looks wrong, and the figure is written where it says."""
 
+import re
+import shlex
 from dataclasses import replace
 from io import StringIO
 
@@ -135,6 +137,45 @@ def test_frfs_that_cannot_be_used_are_described_all_the_same(tmp_path):
     assert "4 × frequency response function" in screen.getvalue()
     assert "No report on the FRFs" in screen.getvalue()
     assert "measurement.kind" in screen.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("numerator", "unit", "kind"),
+    [
+        (0, "m/s2", "accelerance"),
+        (0, "(1/N)*(m/s²)", "accelerance"),
+        (0, "g/N", "accelerance"),
+        (0, "m/s", "mobility"),
+        (0, "mm/N", "receptance"),
+        (11, "NONE", "mobility"),
+        (1, "NONE", "accelerance"),
+    ],
+)
+@pytest.mark.parametrize("has_places", [True, False])
+def test_the_command_that_is_proposed_runs_as_printed(
+    tmp_path, command, monkeypatch, numerator, unit, kind, has_places
+):
+    monkeypatch.chdir(tmp_path)
+    path, nodes = tmp_path / "my plate.uff", tmp_path / "nodes.csv"
+    write_uff(three_channels(), path)
+    text = path.read_bytes().replace(b"        13    0    0    0 Force", b"         0    0    0    0 Force")
+    found = re.search(rb"\n        12    0    0    0 (\S+ +)m/s2 +\n", text)
+    assert found
+    row = b"\n%10d    0    0    0 %s%-20s\n" % (numerator, found[1], unit.encode("latin-1"))
+    text = text.replace(found[0], row)
+    if not has_places:
+        text = b"    -1\n    58" + text.split(b"    -1\n    58", 1)[1]
+        nodes.write_text("2,0.1,0\n5,0.3,0.2\n")
+    path.write_bytes(text)
+    screen = StringIO()
+    assert inspect(path, tmp_path, Console(file=screen, width=500)) is None
+    (line,) = (line for line in screen.getvalue().splitlines() if line.startswith("Next: torchplate "))
+    assert screen.getvalue().count(f"new 'my plate.uff' --kind {kind}") == (2 if has_places else 1)
+    assert f"--kind {kind}" in line
+    assert ("--nodes nodes.csv" in line) is not has_places
+    status, _, error = command(*shlex.split(line)[2:])
+    assert (status, error) == (0, "")
+    assert f"kind: {kind}" in (tmp_path / "my plate.yaml").read_text()
 
 
 def test_time_records_of_other_formats_are_described(tmp_path):

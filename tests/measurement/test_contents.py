@@ -27,7 +27,7 @@ EXPECTED = {
     "binary8byte.uff": ("time response", "100 Hz", "acceleration [g]", "torchplate frf binary8byte.uff FORCE.uff"),
     "groups_test.uff": ("m, N", "74 nodes", "z 0 to 50", "144 triangles", "149 tetrahedra", "groups"),
     "mesh_Oros-modal_uff15_uff2412.uff": ("96 nodes", "72 quads", "CS1"),
-    "non_ascii_header.uff": ("frequency response function", "6 values, 0 to 0.976565 Hz"),
+    "non_ascii_header.uff": ("frequency response function", "6 values, 0 to 0.976565 Hz", "--kind accelerance --nodes"),
     "sample_dataset58_psd.uff": ("power spectral density", "3201 values, uneven spacing", "natural_frequencies"),
     "time-history-not-all-columns-filled.uff": ("time response", "20000 Hz", "m/s²"),
     "uff55_translation.uff": ("3 of a normal mode", "10 Hz, 12 Hz, 13 Hz", "{modal_model: {file: uff55"),

@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from torchplate.measurement.level import FORCE, MOTION
-from torchplate.measurement.measurement import MeasurementError
+from torchplate.measurement.level import FORCE, MOTION, kind_of, likely_kind
+from torchplate.measurement.measurement import KINDS, MeasurementError
 from torchplate.measurement.parsing import reads
 from torchplate.measurement.uff_file import UffFile, open_uff
 
@@ -121,11 +121,14 @@ class Contents(NamedTuple):
         parts: Its contents by kind.
         has_frf: Whether FRFs or transmissibilities are among them.
         has_time: Whether time records are.
+        new: What follows `torchplate new FILE`: the kind where the file does not say it, a table of places where it
+            holds none.
     """
 
     parts: tuple[Part, ...]
     has_frf: bool
     has_time: bool
+    new: str = ""
 
 
 @reads("a universal file")
@@ -151,7 +154,7 @@ def describe(path: Path) -> Contents:
             parts.append(_DESCRIBE.get(kind, _other)(held))
         except (MeasurementError, KeyError, ValueError, IndexError, TypeError):
             parts.append(Part(held.title, "does not parse", "not used: export it again, or leave it out"))
-    return Contents(tuple(parts), bool(functions & {4, 5}), 1 in functions)
+    return Contents(tuple(parts), bool(functions & {4, 5}), 1 in functions, _told_to_new(file)[0])
 
 
 def _other(held: Held) -> Part:
@@ -188,13 +191,37 @@ def _nodes(held: Held) -> Part:
     flat = np.linalg.matrix_rank(xyz - xyz.mean(axis=1, keepdims=True), tol=0.01 * max(float(np.ptp(xyz)), 1e-12)) < 3
     detail += "; in one plane" if flat else "; not in one plane"
     name = shlex.quote(held.path.name)
-    own, lent = f"torchplate new {name}", f"torchplate new FRFS.uff --nodes {name}"
-    use = f"places of the FRFs: {own}" if _has_frf(held.file) else f"places for the FRFs of another file: {lent}"
+    own = f"places of the FRFs: torchplate new {name}{_told_to_new(held.file)[0]}"
+    use = own if _frfs(held.file) else f"places for the FRFs of another file: torchplate new FRFS.uff --nodes {name}"
     return Part(held.title, detail, use if flat else f"not a plate as a whole; {use}")
 
 
-def _has_frf(file: UffFile) -> bool:
-    return any(kind == 58 and file.header(i).get("func_type") in (4, 5) for i, kind in enumerate(file.types))
+def _frfs(file: UffFile) -> list[dict[str, Any]]:
+    """Headers of the FRFs and transmissibilities."""
+    headers = (file.header(index) for index, number in enumerate(file.types) if number == 58)
+    return [header for header in headers if header.get("func_type") in (4, 5)]
+
+
+def _told_to_new(file: UffFile) -> tuple[str, str]:
+    """What `torchplate new` must be told beside the file, and why where it is the kind."""
+    try:
+        frfs = _frfs(file)
+        stated, likely = set(), set()
+        for one in frfs:
+            over, under = int(one["ordinate_spec_data_type"]), int(one["orddenom_spec_data_type"])
+            stated.add(kind_of(over, under, int(one["func_type"])))
+            likely.add(likely_kind(over, str(one.get("ordinate_axis_units_lab", ""))))
+    except (MeasurementError, KeyError, ValueError):
+        return "", ""
+    nodes = "" if {15, 2411} & set(file.types) or not frfs else " --nodes nodes.csv"
+    if None not in stated and len(stated) < 2:
+        return nodes, ""
+    likely -= {None}
+    if len(likely) == 1:
+        (kind,) = likely
+        return f" --kind {kind}{nodes}", "; the file does not say the kind, its unit or quantity suggests this one"
+    # Any would run: hits are mostly heard by accelerometers.
+    return f" --kind accelerance{nodes}", f"; the file does not say which of {', '.join(KINDS)} it is"
 
 
 def _systems(held: Held) -> Part:
@@ -268,12 +295,13 @@ def _functions(file: UffFile, indices: Sequence[int], path: Path) -> tuple[list[
         except (MeasurementError, KeyError, ValueError):
             broken += 1
     parts = []
+    told = _told_to_new(file)
     forces = any(key[0] == 1 and key[2] in FORCE for key in groups)
     for (function, n, over, under), headers in sorted(groups.items(), key=lambda item: item[0]):
         first = headers[0]
         name = FUNCTION.get(function, f"function type {function}")
         detail = f"{n} values, {_abscissa(first, n)}, {_quantity(over, under, first)}, {_channels(headers)}"
-        use = _use_of(function, over, forces, path)
+        use = _use_of(function, over, forces, path, told)
         parts.append(Part(f"dataset 58, {len(headers)} × {name}", detail, use))
     if broken:
         parts.append(Part(f"dataset 58, {broken} times", "header does not parse", "not used: export it again"))
@@ -314,9 +342,9 @@ def _direction(direction: int) -> str:
     return sign + ("", "x", "y", "z", "rx", "ry", "rz")[abs(direction)] if abs(direction) <= 6 else f"?{direction}"
 
 
-def _use_of(function: int, over: int, forces: bool, path: Path) -> str:
+def _use_of(function: int, over: int, forces: bool, path: Path, told: tuple[str, str]) -> str:
     if function in (4, 5):
-        return f"the measurement of a run: torchplate new {shlex.quote(path.name)}"
+        return f"the measurement of a run: torchplate new {shlex.quote(path.name)}{told[0]}{told[1]}"
     if function == 6:
         return "read with the FRFs of the same channels"
     if function == 1 and (over in FORCE or over in MOTION or over in (0, 1)):

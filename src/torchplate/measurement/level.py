@@ -4,6 +4,7 @@ Source: Universal File Format, dataset 58, records 9 and 10 (specific data type,
 dataset 164 (units), University of Cincinnati SDRL.
 """
 
+import re
 from typing import Final, NamedTuple
 
 from torchplate.measurement.measurement import Kind
@@ -26,6 +27,14 @@ _TO_SI: Final[dict[str, dict[str, float]]] = {
     "acceleration": {f"{name}/s2": factor for name, factor in _LENGTH.items()} | {"g": 9.80665, "gn": 9.80665},
     "force": {"n": 1.0, "kn": 1e3, "lbf": 4.4482216152605, "lb": 4.4482216152605, "kgf": 9.80665},
 }
+
+
+UNIT_OF_KIND: Final[dict[str, Kind]] = {
+    r"/s[2\ufffd]|(^|[^a-z])gn?([^a-z]|$)": "accelerance",
+    r"m/s": "mobility",
+    r"^[mcu]?m/": "receptance",
+}
+"""What to look for in a unit's label, the first that is found."""
 
 
 class Units(NamedTuple):
@@ -52,6 +61,23 @@ def kind_of(numerator: int, denominator: int, function_type: int) -> Kind | None
         return "transmissibility"
     if numerator in MOTION and denominator in FORCE:
         return KIND_OF_MOTION[MOTION[numerator]]
+    return None
+
+
+def likely_kind(numerator: int, label: str) -> Kind | None:
+    """What FRFs of unclear specifiers probably are; None where nothing in the file tells.
+
+    Args:
+        numerator: Specific data type of the ordinate.
+        label: Unit of the ordinate, which some exporters write of the whole FRF: "(1/N)*(m/s²)".
+    """
+    if numerator in MOTION:
+        return KIND_OF_MOTION[MOTION[numerator]]
+    text = _plain(label)
+    # A ² of another encoding comes as a character that stands for what cannot be read.
+    for pattern, kind in UNIT_OF_KIND.items():
+        if re.search(pattern, text):
+            return kind
     return None
 
 

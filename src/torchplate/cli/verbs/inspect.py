@@ -63,6 +63,9 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
         if contents is None:
             raise
         console.print(f"[yellow]No report on the FRFs:[/yellow] {escape(str(error))}", highlight=False, soft_wrap=True)
+        if "--kind" in contents.new:
+            command = f"torchplate new {shlex.quote(str(path))}{contents.new}"
+            console.print(f"Next: {command}", highlight=False, markup=False, soft_wrap=True)
         return None
     quality = assess(measurement)
     console.print(_summary(measurement, quality, Path(path)))
