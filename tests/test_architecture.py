@@ -23,6 +23,8 @@ MAY_USE |= {"cli": {*ROW, "search", "bench", "diagnosis", "identification", "pla
 MAY_USE |= {"studies": {*MAY_USE["cli"], "studies"}}
 # `torchplate --help` waits for nothing, so that the front of this room imports nothing: the studies name its modules.
 NO_FRONT = {"cli"}
+# No rooms but one file each, which know nothing of any.
+NO_ROOM = {"nearest", "notation"}
 # The alcoves of the command line: each may use itself and those before it.
 ALCOVES = ("schema", "config", "machine", "folder", "progress", "results", "verbs", "arguments")
 # What only one file, or one alcove, may import, and which.
@@ -60,8 +62,7 @@ def test_every_folder_is_a_room_of_the_house():
 def test_the_arrows_point_one_way(path):
     room = path.relative_to(ROOT).parts[0]
     used = {module.split(".")[1] for module in imports(path) if module.startswith("torchplate.")}
-    # `nearest` is no room but one file, which knows nothing of any.
-    assert used <= {*MAY_USE[room], "nearest"}
+    assert used <= {*MAY_USE[room], *NO_ROOM}
 
 
 def test_every_alcove_of_the_command_line_has_its_place():
@@ -97,7 +98,7 @@ def taken(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("path", [path for path in FILES if path.parent != ROOT], ids=name)
 def test_what_another_room_has_is_taken_at_its_front(path):
-    own = {path.relative_to(ROOT).parts[0], "nearest", *NO_FRONT}
+    own = {path.relative_to(ROOT).parts[0], *NO_ROOM, *NO_FRONT}
     reached = {tuple(one.split(".")[1:]) for one in taken(path)}
     beyond = {
         inner for inner in reached if inner[0] not in own and (len(inner) != 2 or inner[1] not in offered(inner[0]))

@@ -15,6 +15,7 @@
 - `studies`: what the project shows of itself, a command each; nothing here imports them.
 - `examples`: the FRF embedded in torch, to copy from; nothing here imports them.
 - `nearest`: the name that was probably meant.
+- `notation`: percentages, written in one way.
 
 The names below are public, and each is imported when it is first asked for, so that `torchplate --help` need not wait
 for torch:

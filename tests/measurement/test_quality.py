@@ -132,7 +132,7 @@ def test_a_straight_line_is_no_noise_on_uneven_lines(make_measurement):
 def test_an_frf_that_is_not_reciprocal_is_named_with_its_exchange(make_measurement):
     # 1.3 in one of the two: 0.3 / 1.15 = 26 % apart; 1.1 leaves 10 %, which hammer positions alone explain.
     (suspicion,) = assess(changed(make_measurement(), 1, 1, 1.3)).suspicions
-    assert (suspicion.label, suspicion.reason) == ("3w/17w", "not reciprocal: 26% away from 17w/3w")
+    assert (suspicion.label, suspicion.reason) == ("3w/17w", "not reciprocal: 26 % away from 17w/3w")
     assert assess(changed(make_measurement(), 1, 1, 1.1)).suspicions == ()
 
 

@@ -26,6 +26,7 @@ from torch import Tensor
 
 from torchplate.bench.problem import paper_model
 from torchplate.model import PlateModel, reduce
+from torchplate.notation import percent
 from torchplate.search import DifferentialEvolution, ShardedObjective, minimize
 
 N_PROCESS = (1, 2)
@@ -94,8 +95,8 @@ def _print(console: Console, result: dict[str, Any]) -> None:
             str(row["n_process"]),
             f"{row['members_per_second']:.0f}",
             f"{row['ratio']:.2f}",
-            f"{100 * row['waiting']:.1f} %",
-            f"{1e3 * row['exchange_seconds']:.2f} ms {100 * row['exchange']:.1f} %",
+            percent(row["waiting"], 2),
+            f"{1e3 * row['exchange_seconds']:.2f} ms {percent(row['exchange'], 2)}",
             f"{1e3 * row['search_seconds']:.2f} ms",
             f"{row['difference']:.0e}",
         )

@@ -23,6 +23,7 @@ from torchplate.bench.recorded import Count, Time, blind, speed
 from torchplate.effects import HystereticDamping, Plate
 from torchplate.measurement import Analyser, Spectra
 from torchplate.model import PlateModel, Searched
+from torchplate.notation import percent
 from torchplate.plate import Mesh
 
 COARSE, FINE = 8, 16
@@ -49,7 +50,7 @@ class Row(NamedTuple):
     def cells(self) -> str:
         """The line in Markdown."""
         off = self.ours / self.value - 1
-        told = f"below {ROUNDING:.0e}" if abs(off) < ROUNDING else f"{100 * off:+.2g} %"
+        told = f"below {ROUNDING:.0e}" if abs(off) < ROUNDING else percent(off, 2, signed=True)
         return f"| {self.case} | {self.source} | {self.value:.6g} | {self.ours:.6g} | {told} |".replace("| -", "| −")
 
 

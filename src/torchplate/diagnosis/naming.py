@@ -8,7 +8,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import Estimate, Named
 from torchplate.diagnosis.selection.criterion import Hypothesis, is_explained
 from torchplate.diagnosis.selection.trace import Naming, State
-from torchplate.discrepancy import percent
+from torchplate.notation import percent
 
 # Of the standard normal distribution, at 95 %: nobody chose it.
 QUANTILE = 1.645

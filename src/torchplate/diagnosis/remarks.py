@@ -8,8 +8,8 @@ from torchplate.diagnosis.result import Verdict
 from torchplate.diagnosis.selection.criterion import excessive, is_explained
 from torchplate.diagnosis.selection.trace import State, Trace
 from torchplate.diagnosis.settings import SETTINGS
-from torchplate.discrepancy import percent
 from torchplate.measurement import Noise
+from torchplate.notation import percent
 
 # What the nuisances are called.
 NUISANCES = {

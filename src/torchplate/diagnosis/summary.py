@@ -17,8 +17,8 @@ from torchplate.diagnosis.result import Diagnosis, Named, Scored, Step
 from torchplate.diagnosis.selection.criterion import evidence, is_explained, weight_of
 from torchplate.diagnosis.selection.screen import twins
 from torchplate.diagnosis.selection.trace import Ranked, Trace
-from torchplate.discrepancy import percent
 from torchplate.model import PlateModel
+from torchplate.notation import percent
 
 
 def summarise(seen: Trace, seconds: float) -> Diagnosis:

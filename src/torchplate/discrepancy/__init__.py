@@ -13,7 +13,6 @@
   `specimen`: the plate that was measured, as far as it is known how far it is off.
 - `marginal`: the likelihood with all that integrated out; `judged`: what it says of residuals.
 - `covariance`: from the Jacobian and the noise of every residual to standard errors and correlations.
-- `notation`: a gap in print.
 """
 
 from torchplate.discrepancy.assurance import comac, csac, csf, frac, mac
@@ -23,7 +22,6 @@ from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.measure import OBJECTIVES, Measured
 from torchplate.discrepancy.modal_evidence import ModalEvidence, ModePair
 from torchplate.discrepancy.norms import coherence_weighted, log_amplitude, relative_amplitude_norm, relative_frf_norm
-from torchplate.discrepancy.notation import percent
 from torchplate.discrepancy.nuisance import matrix_columns, modes_near, nuisances, place_std, specimen_columns
 from torchplate.discrepancy.objective import Evidence, Objective
 from torchplate.discrepancy.sensitivity import Sensitivity, sensitivity
@@ -59,7 +57,6 @@ __all__ = [
     "matrix_columns",
     "modes_near",
     "nuisances",
-    "percent",
     "place_std",
     "relative_amplitude_norm",
     "relative_frf_norm",

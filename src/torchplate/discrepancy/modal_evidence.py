@@ -21,6 +21,7 @@ from torch import Tensor
 from torchplate.discrepancy.assurance import mac
 from torchplate.measurement import SCATTER, ModalModel, NaturalFrequencies, place_points
 from torchplate.model import DENSE, ModesAt, PlateModel, SparseModel, modes_at
+from torchplate.notation import percent
 
 SHAPE_STD: Final = 0.1
 """√(1 − MAC) that the noise of careful shapes leaves [-]: a MAC of 0.99."""
@@ -238,7 +239,7 @@ class ModalEvidence:
         """What is assumed of the scatter, in one sentence; empty where both standard deviations are told."""
         parts = []
         if self.frequency_std is None:
-            parts.append(f"a standard deviation of {100 * SCATTER:g} % of the frequencies")
+            parts.append(f"a standard deviation of {percent(SCATTER)} of the frequencies")
         if self.shape_std is None:
             parts.append(f"one of {SHAPE_STD:g} of the shapes, a MAC of {1 - SHAPE_STD**2:g},")
         if not parts:

@@ -30,6 +30,7 @@ from torch import Tensor
 
 from torchplate.effects import HystereticDamping, Plate, SupportSpring
 from torchplate.model import PlateModel
+from torchplate.notation import percent
 from torchplate.plate import Mesh, Plan
 
 SENSORS = [(0.04, 0.06), (0.97, 0.13), (0.62, 0.94), (0.31, 0.41), (0.86, 0.71), (0.09, 0.83)]
@@ -258,8 +259,8 @@ def main(
     )
     largest = float((found / thickness - 1).abs().max())
     say(
-        f"thickness map, r.m.s. error: found {100 * result.error:.2f} % (largest {100 * largest:.2f} %), uniform start "
-        f"{100 * result.start_error:.2f} %, best uniform plate {100 * result.best_uniform_error:.2f} %"
+        f"thickness map, r.m.s. error: found {percent(result.error)} (largest {percent(largest)}), uniform start "
+        f"{percent(result.start_error)}, best uniform plate {percent(result.best_uniform_error)}"
     )
     say(f"FRF that no fit has seen, relative norm: found {result.held_out:.4f}, start {result.start_held_out:.4f}")
     if out is not None:

@@ -1,6 +1,6 @@
 """How good a fit is, in words that its gap earns: that a search has settled says nothing of it."""
 
-from torchplate.discrepancy import percent
+from torchplate.notation import percent
 
 NOTHING, POOR, PARTIAL = 1.0, 0.5, 0.1
 """Gaps of FRFs: ‖measured − model‖ / ‖measured‖, whose square is the part of the FRFs' energy that is left.
@@ -36,7 +36,7 @@ def fit_in_words(gap: float, of_frfs: bool) -> str:
         return (
             f"The model explains nothing: its gap is {told}, and FRFs that are zero everywhere have 100 %. {LOOK_FIRST}"
         )
-    left = f"{100 * gap**2:.2g} % of the FRFs' energy"
+    left = f"{percent(gap**2, 2)} of the FRFs' energy"
     if not gap < POOR:
         return f"The fit is poor: a gap of {told} leaves {left} unexplained. {LOOK_FIRST}"
     if not gap < PARTIAL:

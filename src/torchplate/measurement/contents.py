@@ -16,6 +16,7 @@ from torchplate.measurement.level import FORCE, MOTION, kind_of, likely_kind
 from torchplate.measurement.measurement import KINDS, MeasurementError
 from torchplate.measurement.parsing import reads
 from torchplate.measurement.uff_file import UffFile, open_uff
+from torchplate.notation import percent
 
 FUNCTION: Final = {
     0: "general or unknown function",
@@ -279,7 +280,7 @@ def _shapes(held: Held) -> Part:
     if not modes:
         return Part(held.title, detail, "not used: no mode with a natural frequency is among them")
     modes.sort()
-    shown = ", ".join(f"{f:.5g} Hz" + (f" ({100 * d:.2g} %)" if d > 0 else "") for f, d in modes[:12])
+    shown = ", ".join(f"{f:.5g} Hz" + (f" ({percent(d, 2)})" if d > 0 else "") for f, d in modes[:12])
     use = f"in a config: measurement: {{modal_model: {{file: {shlex.quote(held.path.name)}}}}}"
     return Part(held.title, f"{detail}; {shown}" + (", ..." if len(modes) > 12 else ""), use)
 

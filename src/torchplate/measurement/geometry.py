@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from torchplate.measurement.frame import METRES, Frame
 from torchplate.measurement.measurement import MeasurementError
+from torchplate.notation import percent
 
 SLACK: Final = 0.01
 """How far a point may lie off where it should be, over the longer side [-]; see `placement.OFF_PLATE`."""
@@ -169,7 +170,7 @@ def _unit(
         fits = {name: part for name, part in fill.items() if LEAST_FILL < part <= 1 + 2 * SLACK}
         if fits:
             name = max(fits, key=lambda key: fits[key])
-            share = f"the points then span {100 * fits[name]:.0f} % of the longer side"
+            share = f"the points then span {percent(fits[name], 2)} of the longer side"
             return name, Said(f"coordinates taken in {name}: {share}", name != "m")
     if float(max(np.abs(low).max(), np.abs(high).max())) > LARGE:
         return "mm", Said(f"coordinates taken in mm: a plate of {reach:g} m is not likely", True)

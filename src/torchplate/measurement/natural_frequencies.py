@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from torchplate.measurement.measurement import MeasurementError
+from torchplate.notation import percent
 
 # How far natural frequencies of a careful test scatter, relative [-]: the grid of the lines, the temperature, what
 # hangs on the plate. Repeated tests of one plate by one team agree to about this.
@@ -113,6 +114,6 @@ def assumed(table: NaturalFrequencies) -> str:
     rounding = float(printed_unit(table).max()) / math.sqrt(12)
     which = "The table gives no standard deviation:" if table.std is None else "Where the table gives none,"
     return (
-        f"{which} a standard deviation of {100 * SCATTER:g} % is assumed, the scatter of a careful test, and of "
+        f"{which} a standard deviation of {percent(SCATTER)} is assumed, the scatter of a careful test, and of "
         f"up to {rounding:.2g} Hz, the rounding to the printed digits. Give {{value: , std: }} where you know better."
     )

@@ -23,6 +23,7 @@ from torchplate.measurement.measurement import Measurement
 from torchplate.measurement.quality import line_noise, reciprocity
 from torchplate.measurement.rational_fit import N_LOCAL, RationalFit
 from torchplate.measurement.resonances import Resonances
+from torchplate.notation import percent
 
 # Fewer lines than this cannot part poles from noise; neighbours then have to do.
 LEAST_LINE: Final = 24
@@ -154,9 +155,9 @@ def _from_smoothness(
     smooth = fit.smooth
     variance = 0.5 * (sensor * fit.flat + signal * smooth.abs().square()) * scale.square()
     kinds = (
-        f"{math.sqrt(float(sensor.mean())):.2%} of each FRF's root mean square at every line"
+        f"{percent(math.sqrt(float(sensor.mean())))} of each FRF's root mean square at every line"
         f"{f', flat in {motion},' if motion else ''} and "
-        f"{math.sqrt(float(signal.mean())):.2%} of |H| itself"
+        f"{percent(math.sqrt(float(signal.mean())))} of |H| itself"
     )
     pole, residue, polynomial = fit.fractions
     seen = fit.has_width & _resonates(line, pole, residue * scale, variance)
@@ -304,8 +305,10 @@ def _of_reciprocity(measurement: Measurement, floor: float) -> str:
     usual = sorted(pair.difference for pair in exchanged)[len(exchanged) // 2] / math.sqrt(2)
     if usual < 0.7 * floor:
         return (
-            f"FRFs measured both ways round differ by {usual:.2%} each, less than the noise of {floor:.2%} found: "
-            "the noise may be common to both, or overestimated."
+            f"FRFs measured both ways round differ by {percent(usual)} each, less than the noise of {percent(floor)} "
+            "found: the noise may be common to both, or overestimated."
         )
     beyond = " That is more than noise: places, mounting or non-linearity." if usual > 2 * floor else ""
-    return f"FRFs measured both ways round differ by {usual:.2%} each, the noise found is {floor:.2%}.{beyond}"
+    return (
+        f"FRFs measured both ways round differ by {percent(usual)} each, the noise found is {percent(floor)}.{beyond}"
+    )

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.measurement.measurement import Channel, Measurement
+from torchplate.notation import percent
 
 SAME_PLACE: Final = 1e-4
 """Two coordinates closer than this [m] are one place: a tenth of a millimetre, less than a hammer tip."""
@@ -264,22 +265,18 @@ def suspicions(
         if abs(decibel) > 40:
             found.append(Suspicion(label, f"level {decibel:+.0f} dB against the median channel: unit or cable?"))
         if float(noise[j, k]) > max(5 * usual_noise, 0.05):
-            share = f"{float(noise[j, k]):.0%} of its level from line to line, the median channel {usual_noise:.1%}"
-            found.append(Suspicion(label, f"noisy: {share}"))
+            share = f"{percent(float(noise[j, k]), 2)} of its level from line to line"
+            found.append(Suspicion(label, f"noisy: {share}, the median channel {percent(usual_noise, 2)}"))
     for point in points:
+        share = f"{percent(point.negative_power, 2)} of the power runs out of the plate"
         if point.negative_power > 0.5:
-            found.append(
-                Suspicion(
-                    point.label,
-                    f"wrong sign? At a driving point {point.negative_power:.0%} of the power runs out of the plate",
-                )
-            )
+            found.append(Suspicion(point.label, f"wrong sign? At a driving point {share}"))
         # A sound point of a noisy test stays below a few per cent; a delay or a drifting phase does not.
         elif point.negative_power > 0.1:
-            share = f"{point.negative_power:.0%} of the power runs out of the plate"
             found.append(Suspicion(point.label, f"phase? At a driving point {share}: a delay, or compare amplitudes"))
     for pair in exchanged:
         # Hammer positions off by some millimetres and unequal mounting make a tenth or so.
         if pair.difference > 0.2:
-            found.append(Suspicion(pair.label, f"not reciprocal: {pair.difference:.0%} away from {pair.exchanged}"))
+            away = f"{percent(pair.difference, 2)} away from {pair.exchanged}"
+            found.append(Suspicion(pair.label, f"not reciprocal: {away}"))
     return tuple(found)

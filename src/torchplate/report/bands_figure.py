@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 from torch import Tensor
 
 from torchplate.diagnosis import Diagnosis, Overlay
-from torchplate.discrepancy import percent
+from torchplate.notation import percent
 from torchplate.report.style import BAND, INK, MEASURED, NARROW, curves, decibel, decibel_unit, dress
 
 
@@ -91,6 +91,6 @@ def _label_bands(axis: Axes, diagnosis: Diagnosis, apart: float) -> None:
     for band in sorted(diagnosis.location.bands, key=lambda band: -band.share):
         middle = (band.low + band.high) / 2
         if all(abs(middle - other) > apart * span for other in named):
-            axis.annotate(f"{100 * band.share:.0f} %", (middle, 1), (0, 2), xycoords=("data", "axes fraction"),
+            axis.annotate(percent(band.share, 2), (middle, 1), (0, 2), xycoords=("data", "axes fraction"),
                           textcoords="offset points", ha="center", va="bottom", fontsize=8.5, color=INK)  # fmt: skip
             named.append(middle)

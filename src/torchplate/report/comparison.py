@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from torchplate.notation import percent
 from torchplate.report.document import Document, Panel, Picture, Table
 from torchplate.report.drawing import pdf, png
 from torchplate.report.latex import latex
@@ -52,7 +53,7 @@ def comparison_tables(groups: Mapping[str, Compared]) -> tuple[Table, Table]:
     """How the searches went, and where they ended; a column and a row for each."""
     first = next(iter(groups.values()))
     rows = [["searches"], ["best objective"], ["median"], ["quartiles"], ["evaluations"]]
-    rows += [[f"evaluations to within {100 * WITHIN:g} % of the best"], ["searches that came there"]]
+    rows += [[f"evaluations to within {percent(WITHIN)} of the best"], ["searches that came there"]]
     for group in groups.values():
         lower, middle, upper = np.quantile(group.objective, [0.25, 0.5, 0.75])
         arrived = group.arrived
@@ -126,7 +127,7 @@ def _quantiles(groups: Mapping[str, Compared]) -> str:
         quantities = {
             ("objective", ""): group.objective,
             ("evaluations", ""): group.history.n_evaluation[:, -1],
-            (f"evaluations to within {100 * WITHIN:g} % of the best", ""): group.evaluations[group.arrived],
+            (f"evaluations to within {percent(WITHIN)} of the best", ""): group.evaluations[group.arrived],
         }
         quantities |= {key: group.theta[:, index] for index, key in enumerate(group.parameters.items())}
         for (quantity, unit), values in quantities.items():
@@ -150,7 +151,7 @@ def _searches(groups: Mapping[str, Compared]) -> str:
         )
     ]
     heads = [f"{name} [{unit}]" for name, unit in parameters.items()]
-    arrival = f"evaluations to within {100 * WITHIN:g} % of the best"
+    arrival = f"evaluations to within {percent(WITHIN)} of the best"
     return _csv(["search", "run", "evaluations", "objective", arrival, *heads], rows)
 
 

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from torchplate.diagnosis import Diagnosis, Location, Named, Overlay, Scored, frac_by_channel
-from torchplate.discrepancy import percent
 from torchplate.effects import CATALOGUE
+from torchplate.notation import percent
 from torchplate.report.document import Block, Heading, Paragraph, Table
 from torchplate.report.numbers import confidence, digits, interval, quantity, with_unit
 from torchplate.report.plate_map import place_found

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from torchplate.diagnosis import ChannelGap, Diagnosis, Overlay
-from torchplate.discrepancy import percent
+from torchplate.notation import percent
 from torchplate.report.style import (
     AFTER,
     INK,

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from torchplate.diagnosis import Diagnosis, Step
-from torchplate.discrepancy import percent
+from torchplate.notation import percent
 from torchplate.report.style import AFTER, BEFORE, INK, MEASURED, MUTED, NARROW, PAPER, dress, plain
 
 FAINT = 0.4

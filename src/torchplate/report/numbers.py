@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 from torchplate.diagnosis import Estimate
+from torchplate.notation import percent
 
 
 def figure_digits(value: float, std: float | None) -> str:
@@ -30,7 +31,7 @@ def _tells(value: float, std: float) -> bool:
 
 def confidence(probability: float) -> str:
     """A probability that is not rounded to certainty."""
-    return "over 99.9 %" if probability > 0.9995 else f"{100 * probability:.3g} %"
+    return "over 99.9 %" if probability > 0.9995 else percent(probability)
 
 
 def interval(low: float | None, high: float | None, std: float | None = None) -> str:

@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
 from torchplate.diagnosis import Diagnosis, Estimate, Named
-from torchplate.discrepancy import percent
 from torchplate.effects import SupportSpring
+from torchplate.notation import percent
 from torchplate.report.numbers import figure_digits
 from torchplate.report.style import FOUND, INDEX, INK, MUTED, NARROW, PAPER, SHADED, bare, colour_bar
 

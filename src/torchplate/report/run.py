@@ -7,10 +7,11 @@ import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from torchplate.discrepancy import Objective, percent
+from torchplate.discrepancy import Objective
 from torchplate.identification import CORRELATED, Result
 from torchplate.measurement import Placement
 from torchplate.model import PlateModel
+from torchplate.notation import percent
 from torchplate.report.channel_names import explained
 from torchplate.report.document import Block, Document, Heading, Listing, Panel, Paragraph, Picture, Table
 from torchplate.report.drawing import png

@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, MaxNLocator
 from torch import Tensor
 
-from torchplate.discrepancy import Objective, percent
+from torchplate.discrepancy import Objective
 from torchplate.identification import nominal
 from torchplate.measurement import Measurement, NaturalFrequencies
+from torchplate.notation import percent
 from torchplate.report.document import Panel
 from torchplate.report.style import COLOURS, INK, MEASURED, MUTED, NARROW, NOMINAL, RESIDUAL, UPDATED, Curve, dress
 

@@ -1,7 +1,7 @@
 """The verdict of a diagnosis in one sentence."""
 
 from torchplate.diagnosis import Diagnosis, Named
-from torchplate.discrepancy import percent
+from torchplate.notation import percent
 from torchplate.report.numbers import listed
 
 

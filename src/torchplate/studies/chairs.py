@@ -29,10 +29,10 @@ from rich.table import Table
 from scipy.io import wavfile
 
 from torchplate.cli.verbs.simulate import simulate
-from torchplate.discrepancy import percent
 from torchplate.effects import HystereticDamping, Plate
 from torchplate.measurement import Channel, read_measurement, write_uff
 from torchplate.model import PlateModel, extrapolate
+from torchplate.notation import percent
 from torchplate.plate import Mesh
 
 OUT = Path("runs/chairs")

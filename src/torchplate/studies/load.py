@@ -26,6 +26,7 @@ from torchplate.diagnosis import diagnose
 from torchplate.effects import Effect, HystereticDamping, Plate, PointMass, SupportSpring
 from torchplate.measurement import SI_UNIT, Channel, Measurement
 from torchplate.model import PlateModel, reduce
+from torchplate.notation import percent
 from torchplate.plate import Mesh
 
 ENDS = ("<!-- load -->", "<!-- end of load -->")
@@ -84,7 +85,8 @@ def in_sequence(n_run: int) -> Line:
     warm = levels[min(N_WARM, n_run // 2)]
     grown = levels[-1] / warm - 1
     what = f"{n_run} runs in one process, report and TensorBoard log each"
-    kept = f"memory {100 * grown:+.1f} % from run {min(N_WARM, n_run // 2)} to run {n_run}, {100 * FLAT:g} % allowed"
+    runs = f"from run {min(N_WARM, n_run // 2)} to run {n_run}"
+    kept = f"memory {percent(grown, decimals=1, signed=True)} {runs}, {percent(FLAT)} allowed"
     return Line(what, time.perf_counter() - began, peak_memory(), kept, grown <= FLAT)
 
 
@@ -99,7 +101,7 @@ def evaluations(n: int) -> Line:
         if done <= max(1000, min(1000 * N_WARM, n // 2)):
             warm, level = done, peak_memory()
     grown = peak_memory() / level - 1
-    kept = f"peak {100 * grown:+.1f} % after the first {warm:,}, {100 * FLAT:g} % allowed"
+    kept = f"peak {percent(grown, decimals=1, signed=True)} after the first {warm:,}, {percent(FLAT)} allowed"
     what = f"{n:,} evaluations of 6 FRFs × 800 lines"
     return Line(what, time.perf_counter() - began, peak_memory(), kept, grown <= FLAT)
 

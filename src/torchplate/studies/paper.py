@@ -24,6 +24,7 @@ from torchplate.cli.verbs.compare import compare
 from torchplate.cli.verbs.run import run
 from torchplate.cli.verbs.simulate import simulate
 from torchplate.measurement import MeasurementError
+from torchplate.notation import percent
 from torchplate.report import Compared
 
 CONFIGS = Path("configs")
@@ -79,7 +80,7 @@ def table_5(console: Console) -> None:
     )
     for mode, printed in PRINTED.items():
         here = found[mode - 1]
-        difference = f"{100 * (here / printed - 1):+.2f} %"
+        difference = percent(here / printed - 1, decimals=2, signed=True)
         table.add_row(str(mode), f"{printed:g}", f"{here:.2f}", difference, f"{measured[mode]:g}")
     console.print(table)
 
@@ -124,8 +125,8 @@ def measured_frequencies(console: Console) -> None:
     found = {name: model.natural_frequencies(theta, max(measured)).tolist() for name, theta in best.items()}
     table = Table("mode", "measured [Hz]", "paper's model", *found, title="Difference from the measured frequencies")
     for mode, hertz in measured.items():
-        ours = (f"{100 * (column[mode - 1] / hertz - 1):+.2f} %" for column in found.values())
-        table.add_row(str(mode), f"{hertz:g}", f"{100 * (PRINTED[mode] / hertz - 1):+.2f} %", *ours)
+        ours = (percent(column[mode - 1] / hertz - 1, decimals=2, signed=True) for column in found.values())
+        table.add_row(str(mode), f"{hertz:g}", percent(PRINTED[mode] / hertz - 1, decimals=2, signed=True), *ours)
     console.print(table)
     for name, theta in best.items():
         mine, theirs = (dict(zip(model.names, values, strict=True)) for values in (theta.tolist(), UPDATED.values()))

@@ -18,9 +18,9 @@ from torchplate.cli.config import InputError
 from torchplate.cli.config.build import load_run
 from torchplate.cli.verbs.diagnose import diagnose
 from torchplate.diagnosis import Diagnosis
-from torchplate.discrepancy import percent
 from torchplate.measurement import MeasurementError
 from torchplate.model import SparseModel
+from torchplate.notation import percent
 
 CONFIGS = Path("configs/real")
 OUT = Path("runs/real")
@@ -248,7 +248,7 @@ def show(found: Sequence[Found], console: Console) -> None:
     console.print(table)
     for one in found:
         pairs = zip(one.case.peaks, one.nearest, strict=True)
-        beside = ", ".join(f"{peak:g} Hz {100 * (here / peak - 1):+.1f} %" for peak, here in pairs)
+        beside = ", ".join(f"{peak:g} Hz {percent(here / peak - 1, decimals=1, signed=True)}" for peak, here in pairs)
         console.print(f"{one.case.name}: {beside or 'no peaks compared'}", highlight=False)
         for sentence in one.diagnosis.missing:
             console.print(f"  {sentence}", highlight=False)

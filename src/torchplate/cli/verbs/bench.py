@@ -21,6 +21,7 @@ from rich.console import Console
 from torchplate.bench import generation, gradient, identification, memory, slopes
 from torchplate.cli.folder.writing import whole, write_text
 from torchplate.cli.results.table import plain_table
+from torchplate.notation import percent
 
 PARTS: dict[str, Callable[[], Any]] = {
     "generation": generation,
@@ -130,7 +131,7 @@ def _show_identification(found: Mapping[str, Any], console: Console) -> None:
             f"{row['seconds']:.2f}",
             f"{row['ratio']:.0f}",
             str(row["n_evaluation"]),
-            f"{100 * row['over_best']:.3f} %",
+            percent(row["over_best"]),
         )
         table.add_row(row["name"], *numbers)
     console.print(table)

@@ -22,8 +22,9 @@ from torchplate.cli.verbs.diagnose_change import diagnose_change
 from torchplate.diagnosis import SCHEMA as OF_HYPOTHESES
 from torchplate.diagnosis import Diagnosis
 from torchplate.diagnosis import diagnose as find_missing
-from torchplate.discrepancy import ModalEvidence, percent
+from torchplate.discrepancy import ModalEvidence
 from torchplate.effects import options
+from torchplate.notation import percent
 from torchplate.search import Recall, recalling
 
 MODEL = "model.yaml"

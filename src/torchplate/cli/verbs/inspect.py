@@ -27,6 +27,7 @@ from torchplate.measurement import (
     read_modal_table,
     read_recordings,
 )
+from torchplate.notation import percent
 
 
 def inspect(path: Path, out: Path | None = None, console: Console | None = None) -> Path | None:
@@ -139,11 +140,12 @@ def _summary(measurement: Measurement, quality: Quality, path: Path) -> Table:
     table.add_row("band", f"{low:g} to {high:g} Hz, {step}, {quality.n_line} lines")
     table.add_row("coordinates", _coordinates(measurement))
     points = [
-        f"{p.label} (Re mobility < 0 on {p.negative_lines:.0%} of the lines, {p.negative_power:.0%} of the power)"
+        f"{p.label} (Re mobility < 0 on {percent(p.negative_lines, 2)} of the lines, "
+        f"{percent(p.negative_power, 2)} of the power)"
         for p in quality.driving_points
     ]
     table.add_row("driving points", "\n".join(points) or "none")
-    exchanges = [f"{r.label} against {r.exchanged}: {r.difference:.1%} apart" for r in quality.reciprocity]
+    exchanges = [f"{r.label} against {r.exchanged}: {percent(r.difference)} apart" for r in quality.reciprocity]
     more = [f"and {len(exchanges) - 10} more pairs"] if len(exchanges) > 10 else []
     table.add_row("reciprocity", "\n".join(exchanges[:10] + more) or "no pair both ways round")
     table.add_row("coherence", _coherence(quality))
@@ -169,7 +171,8 @@ def _coherence(quality: Quality) -> str:
         return "none in the file"
     mean = np.mean([c.mean for c in quality.coherence])
     worst = min(quality.coherence, key=lambda c: c.mean)
-    return f"mean {mean:.4f}; lowest {worst.label}: mean {worst.mean:.4f}, {worst.share_low:.1%} of the lines below 0.8"
+    low = f"{percent(worst.share_low, 2)} of the lines below 0.8"
+    return f"mean {mean:.4f}; lowest {worst.label}: mean {worst.mean:.4f}, {low}"
 
 
 def _peaks(quality: Quality) -> str:
@@ -188,10 +191,10 @@ def _channels(measurement: Measurement, quality: Quality) -> Table:
     level = measurement.frf.abs().square().mean(dim=0).sqrt()
     for j, k in measurement.pairs[:60]:
         label = measurement.pair_label(j, k)
-        cells = [label, f"{float(level[j, k]):.3g}", f"{quality.line_noise[label]:.1%}"]
+        cells = [label, f"{float(level[j, k]):.3g}", percent(quality.line_noise[label], 2)]
         if label in coherence:
             own = coherence[label]
-            cells += [f"{own.mean:.4f}", f"{own.median:.4f}", f"{own.share_low:.1%}"]
+            cells += [f"{own.mean:.4f}", f"{own.median:.4f}", percent(own.share_low, 2)]
         table.add_row(*cells)
     if len(measurement.pairs) > 60:
         table.add_row(f"and {len(measurement.pairs) - 60} more")

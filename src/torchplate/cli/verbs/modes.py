@@ -18,6 +18,7 @@ from torchplate.measurement import (
     write_modal_model,
 )
 from torchplate.measurement import modes as analyse
+from torchplate.notation import percent
 
 # Of the matrix, what a terminal holds in one line.
 MOST_COLUMNS = 12
@@ -69,11 +70,11 @@ def modes(
 
 def _say(found: Analysed, console: Console) -> None:
     model = found.model
-    table = plain_table("mode", "frequency [Hz]", "damping ratio [%]", "indicator", "collinearity", "orders [%]")
+    table = plain_table("mode", "frequency [Hz]", "damping ratio", "indicator", "collinearity", "orders")
     for index, (hertz, ratio) in enumerate(zip(model.frequency.tolist(), model.damping_ratio.tolist(), strict=True)):
         told = (found.indicator[index], found.collinearity[index])
-        numbers = [f"{hertz:.3f}", f"{100 * ratio:.3f}", *(f"{one:.2f}" for one in told)]
-        table.add_row(str(index + 1), *numbers, f"{100 * found.orders[index]:.0f}")
+        numbers = [f"{hertz:.3f}", percent(ratio), *(f"{one:.2f}" for one in told)]
+        table.add_row(str(index + 1), *numbers, percent(float(found.orders[index]), 2))
     console.print(table)
     console.print(
         "  indicator: 1 where all FRFs are in quadrature with the force; collinearity: 1 where all points move in "

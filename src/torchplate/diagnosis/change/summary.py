@@ -12,9 +12,9 @@ from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Named, Scored, Verdict
 from torchplate.diagnosis.selection.criterion import is_explained
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.discrepancy import percent
 from torchplate.measurement import Noise
 from torchplate.model import PlateModel
+from torchplate.notation import percent
 
 if TYPE_CHECKING:
     from torchplate.diagnosis.change.flow import PlateTest

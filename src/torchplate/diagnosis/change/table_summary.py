@@ -13,7 +13,7 @@ from torchplate.diagnosis.naming import QUANTILE
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Location, Named, Scored, Step
 from torchplate.diagnosis.table.settings import SETTINGS as TABLE
-from torchplate.discrepancy import percent
+from torchplate.notation import percent
 
 if TYPE_CHECKING:
     from torchplate.diagnosis.change.flow import PlateTest

@@ -30,6 +30,7 @@ from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import as_it_is_meant
 from torchplate.effects import KINDS
 from torchplate.model import PlateModel
+from torchplate.notation import percent
 
 
 class Inferred(NamedTuple):
@@ -108,7 +109,7 @@ def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[st
     one, others = _among_images(alive[kind], part, n_eff)
     chosen = one.place.chosen
     assert chosen is not None
-    say(f"  {kind}: {100 * (1 - chosen.error / chosen.without):.3g} % less is left of FRFs that were left out")
+    say(f"  {kind}: {percent(1 - chosen.error / chosen.without)} less is left of FRFs that were left out")
     if chosen.error > (1 - settings.helps) * chosen.without:
         return None
     return _told(builder, fit, one, others, _probability(behind, n_eff), n_few=int(target.fitted.sum()))

@@ -11,6 +11,7 @@ from torchplate.diagnosis.field.descent import Place
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.result import FoundField
 from torchplate.diagnosis.target import FrfTarget
+from torchplate.notation import percent
 
 WORDS: Final = {
     "stiffness": "bending stiffness",
@@ -70,16 +71,12 @@ def _total(model: FieldModel, values: Tensor) -> tuple[float, str]:
     return mean * float(plan.section.areal_mass.mean()) * area, "kg"
 
 
-def _percent(part: float) -> str:
-    return f"{100 * part:.3g} %"
-
-
 def _sentences(found: FoundField, n_frf: int, target: FrfTarget) -> list[str]:
     """Kind and place, what it takes off the gap, and what these data do not tell."""
     size = (
         f"{found.total:+.3g} {found.unit} in all"
         if found.unit != "-"
-        else f"{100 * found.total:+.3g} % on the mean over the plate"
+        else f"{percent(found.total, signed=True)} on the mean over the plate"
     )
     where = f"its weight sits at x {found.place[0]:.2f}, y {found.place[1]:.2f} of the sides"
     wide = [axis for axis, one in zip("xy", found.spread, strict=True) if one > target.settings.inferring.wide]
@@ -93,7 +90,7 @@ def _sentences(found: FoundField, n_frf: int, target: FrfTarget) -> list[str]:
     which = "fitted FRFs" if found.heldout_before is None else "FRFs that no fit saw"
     said = [
         f"What is missing acts as {WORDS[found.kind]} ({size}); {where}. It takes the gap of the {which} from "
-        f"{_percent(before)} to {_percent(after)}. This is no name."
+        f"{percent(before)} to {percent(after)}. This is no name."
     ]
     rivals = [
         f"{WORDS[kind]} ({one:.2f})"

@@ -8,16 +8,13 @@ from torchplate.diagnosis.localisation.force import Force
 from torchplate.diagnosis.localisation.reach import KINDS, UNIT
 from torchplate.diagnosis.result import Band, ChannelGap
 from torchplate.diagnosis.settings import SETTINGS
+from torchplate.notation import percent
 
 WORDS: Final = {
     "stiffness": "does not depend on frequency (spring-like",
     "damping": "grows with frequency, against the velocity (dashpot-like",
     "mass": "grows with the square of frequency (mass-like",
 }
-
-
-def _percent(part: float) -> str:
-    return f"{100 * part:.0f} %"
 
 
 def of_bands(bands: Sequence[Band]) -> str:
@@ -27,7 +24,7 @@ def of_bands(bands: Sequence[Band]) -> str:
         f"{band.low:.4g} Hz" if band.low == band.high else f"{band.low:.4g}-{band.high:.4g} Hz"
         for band in sorted(bands, key=lambda band: band.low)
     ]
-    return f"{_percent(total)} of the misfit lies at {_joined(ranges)}."
+    return f"{percent(total, 2)} of the misfit lies at {_joined(ranges)}."
 
 
 def _joined(words: Sequence[str]) -> str:
@@ -40,9 +37,8 @@ def of_channels(channels: Sequence[ChannelGap]) -> str:
     if len(channels) < 3 or worst.before < 2 * middle.before:
         return ""
     name = f"{worst.response}/{worst.reference}"
-    return (
-        f"The worst FRF is {name}, {_percent(worst.before)} off where the usual one is {_percent(middle.before)} off."
-    )
+    here, usual = percent(worst.before, 2), percent(middle.before, 2)
+    return f"The worst FRF is {name}, {here} off where the usual one is {usual} off."
 
 
 def of_kind(force: Force | None, chain: Factor, one: Factor) -> list[str]:
@@ -61,7 +57,7 @@ def of_kind(force: Force | None, chain: Factor, one: Factor) -> list[str]:
         said.append(_of_chain(chain))
     if own >= best - SETTINGS.localising.near > factor:
         sign = ": it carries the wrong sign" if abs(one.gain + 1) < 0.1 else ""
-        said.append(f"A factor of {one.gain:.3g} on {one.channel} alone would explain {_percent(one.part)}{sign}.")
+        said.append(f"A factor of {one.gain:.3g} on {one.channel} alone would explain {percent(one.part, 2)}{sign}.")
     if len(said) > 1:
         said.append("These data do not tell these apart by the misfit alone.")
     return said
@@ -74,10 +70,12 @@ def _of_force(force: Force) -> str:
     if force.parts[kind] >= force.parts["place"] - SETTINGS.localising.near:
         size = f"{force.size[kind]:.3g} {UNIT[kind]}"
         return (
-            f"A force at {place} that {WORDS[kind]}, about {size}) would explain {_percent(force.parts[kind])} of it."
+            f"A force at {place} that {WORDS[kind]}, about {size}) would explain {percent(force.parts[kind], 2)} of it."
         )
-    mixed = ", ".join(f"{name} {_percent(force.parts[name])}" for name in KINDS)
-    return f"A force at {place} would explain {_percent(force.parts['place'])} of it, but no single kind does: {mixed}."
+    mixed = ", ".join(f"{name} {percent(force.parts[name], 2)}" for name in KINDS)
+    return (
+        f"A force at {place} would explain {percent(force.parts['place'], 2)} of it, but no single kind does: {mixed}."
+    )
 
 
 def _of_chain(chain: Factor) -> str:
@@ -85,10 +83,10 @@ def _of_chain(chain: Factor) -> str:
         sign = ": all channels carry the wrong sign" if abs(chain.gain + 1) < 0.1 else ""
         return (
             f"The disagreement is common to all channels: a gain of {chain.gain:.4g} would explain "
-            f"{_percent(chain.part)}: sensor chain{sign}."
+            f"{percent(chain.part, 2)}: sensor chain{sign}."
         )
     gain = "" if chain.alone[1] >= chain.part - SETTINGS.localising.near else f" and a gain of {chain.gain:.4g}"
     return (
         f"The disagreement is common to all channels and grows with frequency as a phase: a delay of "
-        f"{1e3 * chain.delay:.3g} ms{gain} would explain {_percent(chain.part)}: sensor chain."
+        f"{1e3 * chain.delay:.3g} ms{gain} would explain {percent(chain.part, 2)}: sensor chain."
     )

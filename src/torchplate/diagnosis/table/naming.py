@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from torchplate.diagnosis.result import Estimate, Named, Step
 from torchplate.diagnosis.table.found import Found, compared_on, key_of, pressed_out, same_on
-from torchplate.discrepancy import percent
+from torchplate.notation import percent
 
 
 def finer_mesh(found: Found) -> tuple[Named, ...]:

@@ -5,7 +5,7 @@ import math
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.table.found import Found, pressed_out
 from torchplate.diagnosis.table.null import once_in_a_hundred
-from torchplate.discrepancy import percent
+from torchplate.notation import percent
 
 
 def missing_still(found: Found) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from torchplate.diagnosis.table.found import Found, compared_on, same_on
 from torchplate.diagnosis.table.naming import as_named, finer_mesh
 from torchplate.diagnosis.table.posterior import Entry, draws
 from torchplate.diagnosis.table.remarks import all_remarks, missing_still
-from torchplate.discrepancy import percent
+from torchplate.notation import percent
 
 # Ends of the intervals that are reported: those of 90 %, as everywhere.
 ENDS = (0.05, 0.95)

@@ -2,10 +2,14 @@
 
 import math
 import re
+from pathlib import Path
 
 import pytest
 
-from torchplate.discrepancy.notation import percent
+import torchplate
+from torchplate.notation import percent
+
+ROOT = Path(torchplate.__file__).parent
 
 
 @pytest.mark.parametrize(
@@ -29,6 +33,29 @@ from torchplate.discrepancy.notation import percent
 )
 def test_a_part_is_printed_as_it_is_read(part, text):
     assert percent(part) == text
+
+
+@pytest.mark.parametrize(
+    ("part", "how", "text"),
+    [
+        (0.0236, {"digits": 2}, "2.4 %"),
+        (0.9968, {"digits": 2}, "100 %"),
+        (0.00321, {"decimals": 2}, "0.32 %"),
+        (-0.0123, {"decimals": 2, "signed": True}, "−1.23 %"),
+        (0.0123, {"decimals": 1, "signed": True}, "+1.2 %"),
+        (0.0123, {"signed": True}, "+1.23 %"),
+        (2e4, {"decimals": 1}, "over 100 000 %"),
+    ],
+)
+def test_a_column_may_have_the_digits_it_needs(part, how, text):
+    assert percent(part, **how) == text
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.py")), ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_no_sentence_writes_a_percentage_by_hand(path):
+    # "{…:.1%}" has no space before its sign, and "{100 * …} %" other digits each time.
+    by_hand = re.findall(r"\{[^{}]*%\}|\{100 \* [^{}]*(?:\{[^{}]*\}[^{}]*)*\} ?%", path.read_text())
+    assert not by_hand
 
 
 def test_a_percentage_has_no_exponent_and_three_digits_that_are_right():

@@ -1,0 +1,36 @@
+"""One notation of gaps and other parts of a whole, wherever people read them."""
+
+import math
+from typing import Final
+
+LEAST: Final = 1e-5
+"""A part below which digits say nothing: a thousandth of a per cent [-]."""
+MOST: Final = 1e3
+"""A part beyond which digits say nothing: a thousandfold [-]."""
+
+
+def percent(part: float | None, digits: int = 3, *, decimals: int | None = None, signed: bool = False) -> str:
+    """A part as a percentage, never with an exponent: "36.3 %", "under 0.001 %", "over 100 000 %".
+
+    What rounding leaves below zero is "0 %".
+
+    Args:
+        part: of a whole [-]; nothing is said where there is none.
+        digits: that are right, ≥ 1.
+        decimals: instead of them, so that a column of differences lines up.
+        signed: with a plus where it is above zero, as differences have it.
+    """
+    if part is None:
+        return ""
+    if math.isnan(part):
+        return "not known"
+    if abs(part) > MOST:
+        return f"{'over' if part > 0 else 'below −'}{' ' * (part > 0)}100 000 %"
+    sign = "+" if signed else "-"
+    if decimals is not None:
+        text = f"{100 * part:{sign}.{decimals}f}"
+    elif abs(part) < LEAST:
+        return "under 0.001 %" if part > 0 else "0 %"
+    else:
+        text = f"{float(f'{100 * part:.{digits}g}'):{sign}.6f}".rstrip("0").rstrip(".")
+    return text.replace("-", "−") + " %"
