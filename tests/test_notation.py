@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import torchplate
-from torchplate.notation import percent
+from torchplate.notation import drop, percent
 
 ROOT = Path(torchplate.__file__).parent
 
@@ -66,3 +66,8 @@ def test_a_percentage_has_no_exponent_and_three_digits_that_are_right():
             assert re.fullmatch(r"\d+(\.\d+)? %", text)
             # Three digits leave up to half of the third.
             assert float(text.removesuffix(" %")) == pytest.approx(100 * part, rel=5.001e-3)
+
+
+@pytest.mark.parametrize(("part", "text"), [(0.363, "36.3 %"), (-7.82, "none"), (-3.58e-283, "0 %"), (0.0, "0 %")])
+def test_what_would_grow_has_no_drop(part, text):
+    assert drop(part) == text

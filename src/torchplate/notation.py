@@ -34,3 +34,12 @@ def percent(part: float | None, digits: int = 3, *, decimals: int | None = None,
     else:
         text = f"{float(f'{100 * part:.{digits}g}'):{sign}.6f}".rstrip("0").rstrip(".")
     return text.replace("-", "−") + " %"
+
+
+def drop(part: float) -> str:
+    """The part that something would take away, as a percentage; "none" where it would add to what is there.
+
+    Args:
+        part: of a whole [-], below zero where it would grow.
+    """
+    return "none" if part <= -LEAST else percent(part)

@@ -1,6 +1,7 @@
 """`torchplate diagnose`: a folder that says what is missing, and a model with it."""
 
 import json
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -205,6 +206,16 @@ def test_the_screen_says_what_was_found_and_where_it_is(diagnosed):
     assert "point_mass" in diagnosed.shown
     assert str(diagnosed.folder) in diagnosed.shown
     assert "noise floor" in diagnosed.shown
+
+
+def test_the_screen_has_no_drop_below_zero(diagnosed, tmp_path, monkeypatch):
+    first, *others = diagnosed.found.scores[0]
+    worse = replace(diagnosed.found, scores=((replace(first, name="worse", expected_drop=-7.82), *others),))
+    monkeypatch.setattr("torchplate.cli.verbs.diagnose.find_missing", lambda *_, **__: worse)
+    screen = StringIO()
+    diagnose(diagnosed.path, tmp_path / "out", report=False, console=Console(file=screen, width=200))
+    (row,) = (line for line in screen.getvalue().splitlines() if line.split()[:1] == ["worse"])
+    assert row.split()[1] == "none"
 
 
 class StoppedError(Exception):

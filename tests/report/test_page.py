@@ -169,7 +169,8 @@ def test_the_name_of_a_channel_is_explained_once_before_it_is_first_used():
 def shown(tmp_path_factory):
     """A page and a text of which each part is there."""
     found, folder = samples.diagnosis(n_line=30), tmp_path_factory.mktemp("whole")
-    scores = (replace(samples.SCORES[0], expected_drop=-3.58e-283), *samples.SCORES[1:])
+    drops = {"density": -3.58e-283, "time_delay": -7.82}
+    scores = tuple(replace(one, expected_drop=drops.get(one.name, one.expected_drop)) for one in samples.SCORES)
     with pytest.MonkeyPatch.context() as patch:
         # The page holds its figures itself.
         patch.setattr("torchplate.report.diagnosis.png", lambda _: b"")
@@ -207,6 +208,11 @@ def test_no_percentage_has_an_exponent(shown):
     for text in (shown[0].words, " ".join(shown[0].images), shown[1]):
         assert not re.search(r"\de[-+]?\d+ %", text)
     assert "| `density` | 0 % |" in shown[1]
+
+
+def test_what_would_add_to_the_misfit_is_said_to_take_none_of_it(shown):
+    assert "| `time_delay` | none |" in shown[1]
+    assert "none where it would add to it" in shown[1]
 
 
 def test_every_figure_is_one_that_a_narrow_screen_holds_or_has_one_beside_it():

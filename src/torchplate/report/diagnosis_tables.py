@@ -5,7 +5,7 @@ from typing import Any
 
 from torchplate.diagnosis import Diagnosis, Location, Named, Overlay, Scored, frac_by_channel
 from torchplate.effects import CATALOGUE
-from torchplate.notation import percent
+from torchplate.notation import drop, percent
 from torchplate.report.document import Block, Heading, Paragraph, Table
 from torchplate.report.numbers import confidence, digits, interval, quantity, with_unit
 from torchplate.report.plate_map import place_found
@@ -123,8 +123,8 @@ def considered(diagnosis: Diagnosis) -> Iterator[Block]:
     if diagnosis.scores[0]:
         caption = (
             "Each effect of the catalogue at its best place, before any refit. Expected drop: the part of the squared "
-            "misfit of the baseline that it would take away, less what the fitted parameters can do themselves; below "
-            "zero where it would add to it. Tables of later steps are in `diagnosis.json`."
+            "misfit of the baseline that it would take away, less what the fitted parameters can do themselves; none "
+            "where it would add to it. Tables of later steps are in `diagnosis.json`."
         )
         table = _ranked(diagnosis.scores[0])
         yield Table(
@@ -134,7 +134,7 @@ def considered(diagnosis: Diagnosis) -> Iterator[Block]:
             frozenset(index for index, row in enumerate(table) if row.remark.startswith("named")),
         )
     later = [
-        (f"`{row.name}`{_of(row.options)}", str(step), percent(row.expected_drop), percent(row.gap), row.remark)
+        (f"`{row.name}`{_of(row.options)}", str(step), drop(row.expected_drop), percent(row.gap), row.remark)
         for step, table in enumerate(diagnosis.scores[1:], start=2)
         for row in _ranked(table)
         if row.remark.startswith("rejected")
@@ -185,7 +185,7 @@ def _scored(row: Scored) -> tuple[str, ...]:
     twins = "\n".join(f"`{twin}`" for twin in row.twins)
     return (
         f"`{row.name}`{_of(row.options)}",
-        percent(row.expected_drop),
+        drop(row.expected_drop),
         "\n".join(change),
         twins,
         percent(row.gap),

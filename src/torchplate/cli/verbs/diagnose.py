@@ -24,7 +24,7 @@ from torchplate.diagnosis import Diagnosis
 from torchplate.diagnosis import diagnose as find_missing
 from torchplate.discrepancy import ModalEvidence
 from torchplate.effects import options
-from torchplate.notation import percent
+from torchplate.notation import drop, percent
 from torchplate.search import Recall, recalling
 
 MODEL = "model.yaml"
@@ -203,7 +203,7 @@ def _say(console: Console, found: Diagnosis, folder: Path, words: Mapping[str, s
         for row in found.scores[0]:
             table.add_row(
                 row.name,
-                percent(row.expected_drop),
+                drop(row.expected_drop),
                 percent(row.gap),
                 escape(row.remark),
             )
