@@ -178,7 +178,8 @@ class Marginal:
         for columns, side in ((self._own, 2), (self._other, 3)):
             if columns.shape[-1]:
                 moved = whole.movedim(side, 0).flatten(2)
-                parts.append((moved @ columns).movedim(0, 1).reshape(*residual.shape[:-1], len(columns) * columns.shape[-1]))
+                felt = (moved @ columns).movedim(0, 1).flatten(1)
+                parts.append(felt.reshape(*residual.shape[:-1], felt.shape[-1]))
         return torch.cat(parts, dim=-1)
 
     def across(self, value: Float[Tensor, "*batch n_nuisance"]) -> Float[Tensor, "*batch n_residual"]:

@@ -154,8 +154,8 @@ def _is_diagonal(hysteretic: Tensor) -> bool:
 def _by_uncoupled_modes(system: ModalSystem, own_loss: Tensor, response: Tensor, reference: Tensor) -> Tensor:
     """Z(s) without what is attached at places is diagonal: d_r(s) + i h_r, h what each mode loses by itself.
 
-    Of the side with fewer rows, each is carried to the attached places and to the modes, then to the other side: pairs of
-    all rows with all attached places are never made.
+    Of the side with fewer rows, each is carried to the attached places and to the modes, then to the other side: pairs
+    of all rows with all attached places are never made.
     """
     fewer, more, swapped = response, reference, False
     if response.shape[-2] > reference.shape[-2]:

@@ -171,9 +171,7 @@ class Ranking:
             found.append(self.refits.refit(state, one.candidate, one.label, starts, limit, about, begun, beat))
         return found
 
-    def _checked(
-        self, state: State, chosen: Sequence[tuple[Scored, Tensor]], by_chance: float
-    ) -> list[Hypothesis]:
+    def _checked(self, state: State, chosen: Sequence[tuple[Scored, Tensor]], by_chance: float) -> list[Hypothesis]:
         """Refits beside noise: what promises more than chance, or the best; all others where one of these is needed.
 
         Args:

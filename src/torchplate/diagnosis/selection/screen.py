@@ -27,7 +27,6 @@ from torchplate.discrepancy import Marginal
 from torchplate.model import PlateModel
 from torchplate.search import JACOBIANS
 
-
 # Residuals of all members that are scored together: 8 MiB.
 NUMBERS_AT_ONCE = 2**20
 
