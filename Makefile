@@ -34,6 +34,8 @@ diagnose: $(VENV)/.run
 # A process for each core takes the tests file by file, with one thread: on small matrices the threads of two pools that
 # share few cores wait for each other.
 test check: export OMP_NUM_THREADS = 1
+# Compiled files are kept: each process would compile six hundred of them anew, and the tests start many.
+test check: export PYTHONDONTWRITEBYTECODE =
 # Of every function, not only its first of each test: see tests/conftest.py.
 check: export CHECKED_CALLS = 1000000000
 PARALLEL = -n auto --dist loadfile

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import gc
 import os
 from collections import Counter
 from collections.abc import Callable
@@ -47,6 +48,14 @@ def at_first_calls(target: Any = None, *, typechecker: Callable) -> Any:
 
 # Before any module of the package is imported: the hook looks the name up in each of them.
 jaxtyping.jaxtyped = at_first_calls
+
+
+def pytest_collection_finish() -> None:
+    """What is there before the first test stays to the end: the garbage collector need not go through it again."""
+    gc.collect()
+    gc.freeze()
+    # Figures and graphs make many objects that are freed without it: a tenth of the time of all tests.
+    gc.set_threshold(50_000, 20, 100)
 
 
 def pytest_runtest_setup() -> None:

@@ -80,6 +80,7 @@ def test_masses_that_were_lightened_together_are_named_together():
     assert first.gap_before > first.gap_after == second.gap_before > second.gap_after
 
 
+@pytest.mark.check
 def test_tables_that_are_alike_name_nothing():
     found = of_tables()
     assert found.verdict == "consistent"

@@ -144,6 +144,7 @@ def inferred(scene):
     return infer_field(scene.builder, scene.fit, {}, **SILENT)
 
 
+@pytest.mark.check
 def test_a_mass_is_found_as_a_mass_at_its_place(lab, scene, inferred):
     assert inferred is not None
     found = inferred.found
@@ -155,6 +156,7 @@ def test_a_mass_is_found_as_a_mass_at_its_place(lab, scene, inferred):
     assert found.gap_after < 0.5 * found.gap_before
 
 
+@pytest.mark.check
 def test_the_model_with_the_field_is_what_was_told_of_it(scene, inferred):
     model = inferred.model
     assert not model.names
@@ -173,6 +175,7 @@ def test_where_noise_alone_is_left_there_is_no_field(lab):
     assert infer_field(scene.builder, scene.fit, {}, **SILENT) is None
 
 
+@pytest.mark.check
 def test_a_field_is_no_name_and_changes_no_verdict(lab, scene, inferred, monkeypatch):
     given = Diagnosis(
         "unexplained", (), Gap(0.4, 0.4, None, None, 0.01), Location((), (), {}, None), (), (), ("left",), (), (), {},

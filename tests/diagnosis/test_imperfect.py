@@ -95,6 +95,7 @@ def test_a_test_as_imperfect_as_it_was_told_is_consistent(lab):
         assert one.value == pytest.approx(true, abs=4 * one.std)
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_how_large_a_nuisance_would_have_to_be_is_said(lab):
     # Hits and sensors 3 mm off, where a quarter of a millimetre was told.

@@ -216,6 +216,7 @@ def test_far_off_nuisances_are_not_found_anew(workshop, monkeypatch, part, goes_
     assert bool(asked) == goes_on == (found.reduced_misfit < 2.0)
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_a_fit_that_is_beaten_ends_in_its_first_basis_unless_its_nuisances_say_otherwise(workshop):
     builder = workshop.builder
@@ -332,6 +333,7 @@ def test_far_off_a_way_is_judged_beside_as_much_noise_as_is_left(workshop):
         assert joint._misfit(here, None, louder) == pytest.approx(marginal.n, rel=0.2)
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_records_that_drift_and_channels_of_another_level_are_read_as_one_test(workshop, lab):
     """Each hit's record with natural frequencies of its own: beside sharp peaks that is not linear in the drift."""

@@ -242,6 +242,7 @@ def test_those_go_on_that_gained_a_quarter_of_what_the_best_did(scene):
     assert scene.ranking._beat(state, [ended(float("inf"), 0.0)]) == module.NOBODY
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_what_else_may_sit_where_the_best_does_is_tried_there(lab, monkeypatch):
     """A soft patch, taken for a mass at its middle: from there it is found."""
@@ -260,6 +261,7 @@ def test_what_else_may_sit_where_the_best_does_is_tried_there(lab, monkeypatch):
     assert scene.ranking.instead.of(scene.state, little, everyone, module.NOBODY) == []
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_the_twin_of_an_effect_of_the_whole_plate_is_tried_where_that_ended(lab):
     """E_y/E_x does to the modes what the fourth power of the sides' ratio does."""
@@ -304,6 +306,7 @@ def test_what_sits_at_a_place_starts_from_the_sizes_and_strengths_that_fit_there
     assert {tuple(row[columns].tolist()) for row in fresh} <= places
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_what_may_make_another_plate_is_spread_over_its_prior_where_no_peaks_overlap(lab):
     """A wooden plate taken for an isotropic one: no step from the fitted modulus promises anything."""
@@ -323,6 +326,7 @@ def test_what_may_make_another_plate_is_spread_over_its_prior_where_no_peaks_ove
     assert scene.ranking.afar.spread(near, scored["orthotropy"]) is scored["orthotropy"]
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_what_is_simpler_is_tried_where_a_larger_effect_leaves_noise(lab):
     scene = lab.Scene(hidden={"mass": 0.05})

@@ -124,6 +124,7 @@ def test_the_sign_of_a_change_is_found(lab, gain):
     assert own.values["gain"] == pytest.approx(gain, abs=0.006)
 
 
+@pytest.mark.check
 def test_where_peaks_do_not_overlap_a_large_mass_still_comes_first(lab):
     found = scored(lab, ("point_mass", {"x": SPOT[0], "y": SPOT[1], "mass": 0.15}), near=False)
     names = list(dict.fromkeys(one.candidate.name for one in found))

@@ -104,6 +104,7 @@ def test_sixty_grams_on_ten_exact_frequencies_are_not_left_unexplained():
     assert "point_mass" in names(found)
 
 
+@pytest.mark.check
 def test_nothing_is_named_where_nothing_is_hidden():
     found = diagnose_table(plate(YOUNG), table(12, scatter=1e-3, seed=3), settings=QUICK)
     assert found.verdict == "consistent"

@@ -43,6 +43,7 @@ def test_the_roving_hammer_s_file_is_in_mm_and_new_takes_it(tmp_path, monkeypatc
     assert "0.42 × 0.3 m" in capsys.readouterr().out
 
 
+@pytest.mark.check
 def test_the_wav_files_hold_the_plate_s_own_frfs(tmp_path):
     assert chairs.hits(tmp_path, tmp_path)
     told = Conversion(layout=Layout(responses=(chairs.SENSOR,), scale=chairs.FULL_SCALE, motion="acceleration"))
@@ -81,6 +82,7 @@ def test_a_chair_without_its_file_is_left_out_and_an_unknown_one_is_refused(tmp_
     assert "spruce, roving, hits" in capsys.readouterr().err
 
 
+@pytest.mark.check
 def test_what_stops_the_stopwatch_stops_the_command_it_times(tmp_path):
     """Run apart: the signal is for the whole process."""
     program = (

@@ -20,6 +20,7 @@ def test_a_part_tells_seconds_memory_and_what_it_was_held_against(name):
     assert isinstance(line.held, bool)
 
 
+@pytest.mark.check
 def test_memory_that_grows_is_not_kept_and_one_that_stays_is(monkeypatch):
     """Of four runs those after the second count."""
     monkeypatch.setattr(load, "run", lambda *_, **__: argparse.Namespace(result={"natural_frequencies_hz": [0.0] * 9}))
