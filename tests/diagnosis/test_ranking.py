@@ -11,10 +11,13 @@ from torchplate.diagnosis.problem import Problem
 from torchplate.diagnosis.selection import afar
 from torchplate.diagnosis.selection import ranking as module
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis, is_noise
-from torchplate.diagnosis.selection.screen import screen, start_of
+from torchplate.diagnosis.selection.screen import Scored, screen, start_of
 from torchplate.diagnosis.selection.shortlist import kept
 from torchplate.diagnosis.selection.starts import spread_out
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
+
+# What candidates promise to take from −2 ln L, the best one first.
+PROMISED = {"gain": 41.0, "mass": 22.0, "spring": 12.0, "delay": 3.0}
 
 
 @pytest.fixture(scope="module")
@@ -221,6 +224,31 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, 
     # One that came to its end is left as it is.
     same, _ = scene.ranking.grounded.as_supports(scene.state, right)
     assert same.fit is right.fit
+
+
+@pytest.mark.parametrize("needed", [(), ("gain",)])
+def test_beside_noise_what_promises_no_more_than_chance_waits_for_one_that_is_needed(scene, monkeypatch, needed):
+    one, state, nothing = scene.hypothesis("sensor_gain"), scene.state, torch.zeros(0)
+    start = torch.zeros(1, 3)
+    chosen = [
+        (Scored(one.candidate, name, state.model, fall / state.fit.square, {}, start, nothing, nothing), start)
+        for name, fall in PROMISED.items()
+    ]
+
+    def refitted(_state, some, _before=()):
+        return [replace(one, label=scored.label) for scored, _ in some]
+
+    monkeypatch.setattr(scene.ranking, "_refitted", refitted)
+    monkeypatch.setattr(module, "is_needed", lambda _fit, found, _by_chance: found.label in needed)
+
+    def checked(by_chance: float, some: int | None = None) -> list[str]:
+        return [found.label for found in scene.ranking._checked(state, chosen[:some], by_chance)]
+
+    every, above = list(PROMISED), ["gain", "mass"]
+    assert checked(20.0) == (every if needed else above)
+    # The best is looked at whatever it promises.
+    assert checked(50.0) == (every if needed else above[:1])
+    assert checked(20.0, 0) == []
 
 
 @torch.no_grad()
