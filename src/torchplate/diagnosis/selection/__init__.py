@@ -4,7 +4,8 @@
 - `ranking`: the whole catalogue beside one model: scored, the best refitted; `shortlist`: which these are.
 - `afar`: their way down where peaks need not overlap; `starts`: where what sits at a place begins; `refit`: of one of
   them; `instead`: what may be taken for the best of them; `grounded`: whether what is grounded is a support.
-- `screen`: the score test over all candidates; `null`: what chance alone would give in it.
+- `screen`: the score test over all candidates; `products`: its inner products, no change whitened; `null`: what chance
+  alone would give in it.
 - `criterion`: by what hypotheses are compared.
 - `exchange`: exchange and backward elimination, once later effects are known.
 - `trace`: what the selection has seen.
