@@ -175,12 +175,15 @@ def _by_uncoupled_modes(system: ModalSystem, own_loss: Tensor, response: Tensor,
             found = torch.complex(both @ real, both @ imaginary)
             parts.append(found.unflatten(-2, (fewer.shape[-2], more.shape[-2])))
             continue
-        felt = torch.complex(pairs @ real, pairs @ imaginary).unflatten(-2, (-1, n_attached)).movedim((-3, -2), (0, 1))
-        force = lines_last(part.force, felt.ndim - 3)
-        pull = torch.stack(pulls(felt, force.expand(n_attached, *felt.shape[2:])), dim=-2)
+        felt = torch.complex(pairs @ real, pairs @ imaginary)
+        batch = torch.broadcast_shapes(felt.shape[:-2], more.shape[:-2], part.force.shape[:-2])
+        felt = felt.expand(*batch, *felt.shape[-2:]).unflatten(-2, (-1, n_attached)).movedim((-3, -2), (0, 1))
+        force = lines_last(part.force, len(batch)).expand(n_attached, *felt.shape[2:])
+        pull = torch.stack(pulls(felt, force), dim=-2)
         # [row, *batch, mode, line]
         down = attached.mT
-        carried = fewer.movedim(-2, 0)[..., None] - down @ pull.real, -(down @ pull.imag)
+        rows = fewer.expand(*batch, *fewer.shape[-2:]).movedim(-2, 0)[..., None]
+        carried = rows - down @ pull.real, -(down @ pull.imag)
         one = more @ torch.addcmul(carried[0] * real, carried[1], imaginary, value=-1)
         other = more @ torch.addcmul(carried[0] * imaginary, carried[1], real)
         parts.append(torch.complex(one, other).movedim(0, -3))

@@ -1,0 +1,54 @@
+"""Receptances where each mode loses by itself, whatever has a batch of its own."""
+
+import itertools
+
+import pytest
+import torch
+
+from torchplate.model.modal_receptance import ModalSystem, receptance
+from torchplate.plate import Proportional
+
+MEMBER, MODE, LINE, PLACE = 3, 5, 7, 2
+PARTS = ("eigenvalue", "dashpot", "force", "loss", "response", "reference")
+
+
+def drawn(name: str, n_row: int, *batch: int) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(PARTS.index(name))
+    shape = {"eigenvalue": (MODE,), "loss": (MODE,), "dashpot": (PLACE, MODE), "force": (PLACE, LINE)}
+    whole = torch.rand(MEMBER, *shape.get(name, (n_row, MODE)), generator=generator, dtype=torch.float64) + 0.1
+    whole = {"eigenvalue": 1e5 * whole, "loss": 1e3 * whole, "force": 1e4 * whole}.get(name, whole)
+    return whole.to(torch.complex128) * (1 + 0.2j) if name == "force" else whole
+
+
+def found(parts: dict[str, torch.Tensor]) -> torch.Tensor:
+    laplace = 1j * torch.linspace(50.0, 300.0, LINE, dtype=torch.float64)
+    system = ModalSystem(
+        parts["eigenvalue"], Proportional(stiffness_loss_factor=0.01), laplace, parts["dashpot"], parts["force"],
+        torch.diag_embed(parts["loss"]),
+    )  # fmt: skip
+    return receptance(system, parts["response"], parts["reference"])
+
+
+# As many rows as members, too: what is broadcast wrongly does not say so then.
+@pytest.mark.parametrize(("n_response", "n_reference"), [(1, 4), (2, 3), (3, 3), (4, 2), (3, 6)])
+@torch.no_grad()
+def test_members_are_what_each_is_alone(n_response, n_reference):
+    rows = {"response": n_response, "reference": n_reference}
+    whole = {name: drawn(name, rows.get(name, 0)) for name in PARTS}
+    for own in itertools.chain.from_iterable(itertools.combinations(PARTS, n) for n in (1, 2, len(PARTS))):
+        together = found({name: part if name in own else part[0] for name, part in whole.items()})
+        for index in range(MEMBER):
+            alone = found({name: part[index if name in own else 0] for name, part in whole.items()})
+            assert torch.allclose(together[index], alone, rtol=1e-12, atol=1e-15 * float(alone.abs().max())), own
+
+
+@torch.no_grad()
+def test_they_are_the_solutions_of_the_whole_impedance():
+    parts = {name: drawn(name, {"response": 2, "reference": 4}.get(name, 0))[0] for name in PARTS}
+    s = 1j * torch.linspace(50.0, 300.0, LINE, dtype=torch.float64)
+    alone = torch.diag(parts["eigenvalue"] * (1 + 0.01j)) + 1j * torch.diag(parts["loss"])
+    u = parts["dashpot"].to(torch.complex128)
+    for index, one in enumerate(found(parts)):
+        impedance = alone + torch.eye(MODE) * s[index] ** 2 + u.mT @ torch.diag(parts["force"][:, index]) @ u
+        solved = parts["response"].to(u) @ torch.linalg.solve(impedance, parts["reference"].to(u).mT)
+        assert torch.allclose(one, solved, rtol=1e-10)
