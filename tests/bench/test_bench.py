@@ -66,6 +66,7 @@ def test_a_part_takes_the_place_of_what_was_written_of_it(tmp_path, monkeypatch)
         assert written["gradient"] == {"1": "kept"}
 
 
+@pytest.mark.check
 def test_a_part_that_fails_says_what_it_said() -> None:
     with pytest.raises(RuntimeError, match=r"(?s)part 'nothing' to end, got:.*KeyError"):
         command._in_own_process("nothing", 1)

@@ -12,6 +12,9 @@ from blind.strata import STRATA
 from torchplate.cli.config.build import load_run
 from torchplate.effects import CATALOGUE
 
+# The truth of a benchmark that only `make blind` runs.
+pytestmark = pytest.mark.check
+
 
 def index_of(kind: str, turn: int = 0) -> int:
     return [i for i, slot in enumerate(suite()) if slot.kind == kind][turn]

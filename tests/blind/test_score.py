@@ -231,7 +231,7 @@ def test_a_case_is_run_and_recorded_and_a_crash_is_one_more_wrong_answer(tmp_pat
         assert markdown(table).startswith("###")
 
 
-@pytest.mark.parametrize("stratum", ["workshop", "tables"])
+@pytest.mark.parametrize("stratum", [pytest.param("workshop", marks=pytest.mark.check), "tables"])
 def test_a_case_of_another_stratum_is_run_and_recorded(stratum, tmp_path):
     index = chosen("0:", "point_mass", stratum)[0]
     found = run_case("test", index, tmp_path, fake, stratum, "spectral")

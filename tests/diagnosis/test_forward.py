@@ -131,7 +131,7 @@ def value(one, name: str) -> float:
 
 
 # Cases that take long: `make check` has them.
-LONG = ("two", "beyond", "alone")
+LONG = ("two", "beyond", "alone", "twins", "upside down")
 
 
 @pytest.fixture(params=[pytest.param(name, marks=pytest.mark.check) if name in LONG else name for name in CASES])
@@ -160,6 +160,7 @@ def test_a_mesh_that_is_too_coarse_is_said_and_mended(diagnosed):
     assert found.steps[1].label == "+ mesh_discretisation"
 
 
+@pytest.mark.check
 def test_twins_are_named_as_a_set(diagnosed):
     """A free plate of another density is, at another modulus, one of another thickness or a chain of another gain."""
     found = diagnosed("twins").found
@@ -230,6 +231,7 @@ def test_the_numbers_agree_with_each_other(case):
     assert "nan" not in text.lower().replace("resonan", "")
 
 
+@pytest.mark.check
 def test_the_model_that_is_handed_over_is_the_one_that_was_fitted_in_numbers(diagnosed):
     found = diagnosed("twins").found
     some = slice(None, None, 40)
@@ -246,6 +248,7 @@ def test_the_given_model_is_left_alone(case):
     assert case.said[0].startswith("baseline")
 
 
+@pytest.mark.check
 def test_the_table_names_every_effect_once_and_says_what_became_of_it(diagnosed):
     found = diagnosed("upside down").found
     table = found.scores[0]
@@ -258,6 +261,7 @@ def test_the_table_names_every_effect_once_and_says_what_became_of_it(diagnosed)
     assert all(remark.startswith("rejected") for remark in remarks.values())
 
 
+@pytest.mark.check
 def test_a_sensor_upside_down_is_named_and_bends_nothing(diagnosed):
     """All channels there are: nothing else says which way is up."""
     found = diagnosed("upside down").found

@@ -129,6 +129,7 @@ def test_what_scatter_leaves_of_a_right_model_is_seldom_called_unexplained():
     assert sum(seen) >= 38
 
 
+@pytest.mark.check
 def test_what_has_as_many_free_numbers_as_a_table_is_no_hypothesis_of_it():
     """Seven numbers of a rib and a modulus fit any six frequencies, whatever is missing."""
     drawn = table(6, hide("orthotropy", young_ratio=0.8, shear_factor=1.2), scatter=1e-3)

@@ -30,6 +30,10 @@ pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated
 
 SQUARE, RECTANGLE = Mesh(0.48, 0.48, 5, 5), Mesh(0.7, 0.4, 6, 4)
 SHAPES = pytest.mark.parametrize("mesh", [SQUARE, RECTANGLE], ids=["square", "rectangle"])
+# A square has modes in pairs, the harder case of a derivative: the rectangle is for `make check`.
+SQUARE_FIRST = pytest.mark.parametrize(
+    "mesh", [pytest.param(SQUARE, id="square"), pytest.param(RECTANGLE, id="rectangle", marks=pytest.mark.check)]
+)
 # What the issue asks for; rounding at the scale of the highest eigenvalue leaves about 1e-10.
 AGREEMENT = 1e-6
 EVERYTHING = {
@@ -78,7 +82,7 @@ def jacobian_error(found: torch.Tensor, expected: torch.Tensor) -> float:
     return ((found - expected).flatten(0, -2).abs().amax(0) / scale.clamp(min=1e-300)).max().item()
 
 
-@SHAPES
+@SQUARE_FIRST
 @pytest.mark.parametrize("name", list(CATALOGUE))
 def test_every_effect_has_exact_gradients(plates, name: str, mesh: Mesh) -> None:
     examples = _examples()

@@ -22,7 +22,10 @@ def _beside(name: str):
 
 
 browser, samples = _beside("browser"), _beside("samples")
-pytestmark = pytest.mark.skipif(browser.found() is None, reason="this machine has no Chromium")
+pytestmark = [
+    pytest.mark.check,
+    pytest.mark.skipif(browser.found() is None, reason="this machine has no Chromium"),
+]
 WIDTHS = (360, 768, 1440)
 # A name that cannot be broken, and a sentence for each cell of a table.
 LONG = "stiffness_of_the_left_" * 8

@@ -228,7 +228,7 @@ class TestFigures:
         np.testing.assert_allclose(arrow.xyann, start)
         np.testing.assert_allclose(arrow.xy, [start[0] + 30, start[1] - 20])
 
-    @pytest.mark.parametrize("sides", [(0.6, 0.03), (0.05, 0.7)])
+    @pytest.mark.parametrize("sides", [(0.6, 0.03), pytest.param((0.05, 0.7), marks=pytest.mark.check)])
     def test_a_thin_plate_leaves_room_for_its_axes(self, sides, monkeypatch):
         monkeypatch.setattr(samples, "SIDES", sides)
         found = diagnosis(tuple(range(1, 13)), (1, 6), n_line=60)

@@ -103,7 +103,15 @@ def test_a_defect_in_a_reader_is_told_with_the_file(tmp_path):
         read_nodes(path)
 
 
-@pytest.mark.parametrize("optimizer", sorted(set(OPTIMIZERS)))
+@pytest.mark.parametrize(
+    "optimizer",
+    [
+        name
+        if name in ("differential_evolution", "artificial_bee_colony")
+        else pytest.param(name, marks=pytest.mark.check)
+        for name in sorted(set(OPTIMIZERS))
+    ],
+)
 def test_every_search_goes_on_from_its_own_checkpoint_and_from_none_that_was_changed(
     bench, make_config, command, optimizer
 ):

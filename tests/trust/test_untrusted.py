@@ -113,6 +113,7 @@ def hostile(bench) -> Path:
     return path
 
 
+@pytest.mark.check
 def test_a_header_with_a_script_stays_text_in_the_report(bench, make_config, monkeypatch, hostile):
     monkeypatch.undo()
     label = f"wires{SCRIPT}"
