@@ -9,7 +9,7 @@ from torchplate.diagnosis.candidates.candidate import vector
 from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements
 from torchplate.diagnosis.candidates.trials import spread_at
-from torchplate.diagnosis.model_builder import with_candidate
+from torchplate.diagnosis.model_builder import with_candidate, without_candidate
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.effects.parameter import Prior, nonnegative
 from torchplate.model import PlateModel, Searched
@@ -128,7 +128,19 @@ def test_only_what_is_not_searched_of_an_effect_is_looked_for():
         # Of the common stiffness and all three factors one is too many.
         assert len(own.searched) == n_factor
         # Beside a slack first support the others are as many times as stiff.
-        assert own.searched["factor_2"].high == (2.0 if n_factor == 3 else 4.0)
+        assert own.searched["factor_2"].high == (2.0 if n_factor == 3 else 10.0)
+
+
+def test_a_common_stiffness_may_be_that_of_a_slack_first_support():
+    """0.38 of the others, which stand at the lower end of what is searched: the first one's own is below it."""
+    model = plate({"wires.stiffness": Searched(500.0, 3000.0)})
+    (own,) = [one for one in found(model) if one.name == "support_asymmetry"]
+    beside = with_candidate(model, "own", own)
+    assert (beside.searched["wires.stiffness"].low, beside.searched["wires.stiffness"].high) == (50.0, 6000.0)
+    assert without_candidate(beside, "own", own).searched == model.searched
+    # A spring that is known stays what it is.
+    (own,) = [one for one in found(plate()) if one.name == "support_asymmetry"]
+    assert with_candidate(plate(), "own", own).searched.keys() == {f"own.{key}" for key in own.searched}
 
 
 def test_a_held_edge_has_no_spring():

@@ -135,12 +135,16 @@ def with_candidate(model: PlateModel, label: str, candidate: Candidate) -> Plate
     if candidate.replaces:
         model = _without(model, candidate.replaces)
     more = {f"{label}.{key}": interval for key, interval in candidate.searched.items()}
-    return model.replaced(effects={**model.effects, label: candidate.effect}, searched=model.searched | more)
+    wider = model.searched | {name: beside for name, (_, beside) in candidate.widened.items()}
+    return model.replaced(effects={**model.effects, label: candidate.effect}, searched=wider | more)
 
 
 def without_candidate(model: PlateModel, label: str, candidate: Candidate) -> PlateModel:
     """The model with one effect less; with the one that it stood for."""
     model = _without(model, label)
+    if candidate.widened:
+        narrow = {name: alone for name, (alone, _) in candidate.widened.items()}
+        model = model.replaced(searched=model.searched | narrow)
     if not candidate.replaces:
         return model
     back = {f"{candidate.replaces}.{name}": value for name, value in candidate.neutral.items()}

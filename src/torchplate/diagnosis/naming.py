@@ -1,8 +1,8 @@
 """An effect that is named, with its parameters, its confidence and its evidence in words."""
 
-import math
 from collections.abc import Mapping, Sequence
 
+from torchplate.diagnosis.estimates import estimates
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import Estimate, Named
@@ -10,16 +10,13 @@ from torchplate.diagnosis.selection.criterion import Hypothesis, is_explained
 from torchplate.diagnosis.selection.trace import Naming, State
 from torchplate.notation import percent
 
-# Of the standard normal distribution, at 95 %: nobody chose it.
-QUANTILE = 1.645
-
 
 def as_named(builder: ModelBuilder, naming: Naming, last: State) -> Named:
     """An effect as it is reported."""
     final = last.fit
     hypothesis = naming.hypothesis
     before, after = (float(builder.target.gap(one.prediction)) for one in (naming.before, hypothesis.fit))
-    found = estimates(final)
+    found = estimates(final, builder.top)
     prefix = f"{hypothesis.label}."
     parameters = {name.removeprefix(prefix): one for name, one in found.items() if name.startswith(prefix)}
     equivalent = naming.known.equivalent
@@ -77,24 +74,3 @@ def _values(parameters: Mapping[str, Estimate], hypothesis: Hypothesis) -> str:
     parts = [f"{name} {one.value:.4g}{'' if one.unit == '-' else ' ' + one.unit}" for name, one in parameters.items()]
     parts += [f"{name} {value}" for name, value in hypothesis.candidate.options.items()]
     return ", ".join(parts) or "no number"
-
-
-def estimates(fit: Fit) -> dict[str, Estimate]:
-    """The fitted numbers with their 90 % intervals."""
-    found = {}
-    std = fit.covariance.diagonal().clamp(min=0).sqrt().tolist()
-    space = fit.model.space
-    ends = zip(space.low.tolist(), space.high.tolist(), strict=True)
-    rows = zip(fit.model.names, fit.model.units, fit.theta.tolist(), std, ends, space.logarithmic.tolist(), strict=True)
-    for name, unit, value, one, (lowest, highest), logarithmic in rows:
-        if math.isnan(one):
-            found[name] = Estimate(value, None, unit)
-            continue
-        if logarithmic and value > 0:
-            # The posterior is normal on the scale on which it was searched.
-            factor = math.exp(min(700.0, QUANTILE * one / value))
-            low, high = value / factor, value * factor
-        else:
-            low, high = value - QUANTILE * one, value + QUANTILE * one
-        found[name] = Estimate(value, one, unit, max(low, lowest), min(high, highest))
-    return found

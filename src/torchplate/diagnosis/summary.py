@@ -8,9 +8,10 @@ import torch
 from torchplate.diagnosis.before_and_after import gap_of, location_of, overlay_of, step_of, verdict_of
 from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.doubts import doubts_of
+from torchplate.diagnosis.estimates import estimates
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.naming import as_named, estimates, remark_on
+from torchplate.diagnosis.naming import as_named, remark_on
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.remarks import all_remarks, in_every_record, missing_still, nothing_but_chance
 from torchplate.diagnosis.result import Diagnosis, Named, Scored, Step
@@ -54,7 +55,7 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
             *all_remarks(noise, final, seen.prior),
         ),
         next_measurements=tuple(next_measurements(sets, unexplained, few, symmetric)),
-        parameters=estimates(final.fit),
+        parameters=estimates(final.fit, builder.top),
         model=builder.finished(final.fit.model, final.fit.theta),
         overlay=overlay_of(builder.target, noise, first, final.fit),
         n_evaluation=builder.n_evaluation,

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import torch
@@ -44,6 +44,7 @@ class Candidate:
         far: what to try where peaks do not overlap.
         near: what to try where they do.
         replaces: label of the effect that it stands for; empty where it comes beside all others.
+        widened: the model's own parameters that mean something else beside it: their intervals without and with it.
     """
 
     effect: Effect
@@ -53,6 +54,7 @@ class Candidate:
     far: tuple[Trial, ...] = ()
     near: tuple[Trial, ...] = ()
     replaces: str = ""
+    widened: Mapping[str, tuple[Searched, Searched]] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

@@ -58,20 +58,23 @@ def candidates(
                 continue
             rigid = standing_for(model, getattr(effect, "edge", ""))
             searched: dict[str, Searched] = {}
+            tried: dict[str, Searched] = {}
             neutral: dict[str, float] = {}
             for key, parameter in free.items():
                 interval = parameter.prior_interval(plan.section, plan.geometry)
                 # Over the first support, which may be the slack one.
-                high = SETTINGS.trials.slack * interval.high if relative else interval.high
-                searched[key] = Searched(interval.low, high, interval.logarithmic)
+                slack, slackest = (SETTINGS.trials.slack, SETTINGS.trials.slackest) if relative else (1.0, 1.0)
+                searched[key] = Searched(interval.low, slackest * interval.high, interval.logarithmic)
+                tried[key] = Searched(interval.low, slack * interval.high, interval.logarithmic)
                 value = _neutral(name, parameter, plan)
                 if value is not None:
                     neutral[key] = value
                 if rigid is not None and (held := rigid.values[key]) > 0:
                     searched[key], neutral[key] = Searched(interval.low, held, True), held
-            far, near = trials(searched, neutral) if rigid is None else yielding(searched, neutral)
+            far, near = trials(tried, neutral) if rigid is None else yielding(searched, neutral)
             replaces = "" if rigid is None else rigid.label
-            found.append(Candidate(effect, chosen, searched, neutral, tuple(far), tuple(near), replaces))
+            widened = _of_the_first(model, chosen) if relative else {}
+            found.append(Candidate(effect, chosen, searched, neutral, tuple(far), tuple(near), replaces, widened))
     return found
 
 
@@ -133,6 +136,14 @@ def support_of(model: PlateModel, chosen: Mapping[str, Any]) -> str:
     ((key, points),) = chosen.items()
     supports = {label: own for label, own in model.effects.items() if own.name == "support_spring"}
     return next(label for label, own in supports.items() if getattr(own, key) == points)
+
+
+def _of_the_first(model: PlateModel, chosen: Mapping[str, Any]) -> dict[str, tuple[Searched, Searched]]:
+    """The interval of a common stiffness where it is the first support's own: slacker or tighter than the others."""
+    name, least = f"{support_of(model, chosen)}.stiffness", 1 / (2 * SETTINGS.trials.slackest)
+    common = model.searched[name]
+    own = Searched(least * common.low, SETTINGS.trials.slack * common.high, common.logarithmic)
+    return {name: (common, own)}
 
 
 def _neutral(name: str, parameter: Parameter, plan: Plan) -> float | None:

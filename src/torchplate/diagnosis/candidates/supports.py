@@ -85,7 +85,7 @@ def tighter_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: 
     effect = CATALOGUE["support_asymmetry"](**options)
     prior = effect.parameters["factor_1"].prior
     assert prior is not None
-    interval = Searched(prior.low, settings.slack * prior.high)
+    interval = Searched(prior.low, settings.slackest * prior.high)
     start = {"factor_1": min(1 + stiffness / present, interval.high)}
     trial = Trial(start, *settings.believed)
     candidate = Candidate(effect, options, {"factor_1": interval}, {"factor_1": 1.0}, (trial,))

@@ -7,7 +7,8 @@ from torchplate.diagnosis.before_and_after import gap_of, location_of, overlay_o
 from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.comparison import Chosen, Comparing, Promise, State
 from torchplate.diagnosis.change.posterior import Choice
-from torchplate.diagnosis.naming import estimates, remark_on
+from torchplate.diagnosis.estimates import estimates
+from torchplate.diagnosis.naming import remark_on
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Named, Scored, Verdict
 from torchplate.diagnosis.selection.criterion import is_explained
@@ -40,7 +41,7 @@ def summarise(
     """
     builder = comparing.after.builder
     target = builder.target
-    found = estimates(last.fit)
+    found = estimates(last.fit, builder.top)
     told = {change.label for change in last.changes}
     effects = tuple(
         _named(change, step[0], _gaps(target, step, change), found)

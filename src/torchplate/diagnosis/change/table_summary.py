@@ -9,7 +9,7 @@ from torch import Tensor
 from torchplate.diagnosis.before_and_after import verdict_of
 from torchplate.diagnosis.change.posterior import Choice
 from torchplate.diagnosis.change.summary import beside_others, in_words, missing, unit_of
-from torchplate.diagnosis.naming import QUANTILE
+from torchplate.diagnosis.estimates import QUANTILE
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Location, Named, Scored, Step
 from torchplate.diagnosis.table.settings import SETTINGS as TABLE

@@ -19,7 +19,9 @@ class Trials:
         softer: the same where peaks overlap [-]; what ends stiffer has not yielded.
         rigid: stiffness of the springs that hold an edge over the upper end of what is searched along a free one [-]:
             what is left of the yielding shifts no frequency by 1e-4.
-        slack: how much stiffer than its prior a support may be relative to one that is slack [-].
+        slack: how much stiffer than its prior a support is tried relative to one that is slack [-].
+        slackest: the same of what is fitted [-]: the ratio of two factors, each even from 0 to 2, is above 10 once in
+            twenty times.
         near_node: a place found is taken for a node's or a support's if it is this near to it, relative to the plate
             [-].
         perhaps_node: and may be it if it is this near [-].
@@ -40,6 +42,7 @@ class Trials:
     softer: float = 0.1
     rigid: float = 100.0
     slack: float = 2.0
+    slackest: float = 5.0
     near_node: float = 0.012
     perhaps_node: float = 0.04
     weakest: float = 0.01
