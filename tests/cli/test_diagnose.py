@@ -15,7 +15,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torchplate.cli.config.build import load_model, load_run
 from torchplate.cli.config.plate_test import tolerances
 from torchplate.cli.main import main
-from torchplate.cli.verbs.diagnose import diagnose
+from torchplate.cli.verbs.diagnose import _say, diagnose
 from torchplate.cli.verbs.plan import plan, read_doubts
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import SI_UNIT, Channel, Measurement
@@ -206,6 +206,18 @@ def test_the_screen_says_what_was_found_and_where_it_is(diagnosed):
     assert "point_mass" in diagnosed.shown
     assert str(diagnosed.folder) in diagnosed.shown
     assert "noise floor" in diagnosed.shown
+
+
+def test_no_name_is_broken_on_a_narrow_screen(diagnosed):
+    first, *others = diagnosed.found.scores[0]
+    longest = max(CATALOGUE, key=len)
+    shown = replace(diagnosed.found, scores=((replace(first, name=longest), *others),))
+    screen = StringIO()
+    _say(Console(file=screen, width=80), shown, diagnosed.folder)
+    lines = screen.getvalue().splitlines()
+    for row in shown.scores[0]:
+        assert any(line.split()[:1] == [row.name] for line in lines), row.name
+    assert max(len(line.rstrip()) for line in lines if not line.startswith("  Results")) <= 80
 
 
 def test_the_screen_has_no_drop_below_zero(diagnosed, tmp_path, monkeypatch):

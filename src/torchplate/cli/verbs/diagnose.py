@@ -199,7 +199,7 @@ def _say(console: Console, found: Diagnosis, folder: Path, words: Mapping[str, s
         f"  gap {percent(gap.baseline)} to {percent(gap.final)}{held}; noise floor {percent(gap.noise_floor)}"
     )
     if found.scores:
-        table = plain_table("effect", "expected drop", "gap after refit", "")
+        table = plain_table("effect", "expected drop", "gap after refit", "", whole=True)
         for row in found.scores[0]:
             table.add_row(
                 row.name,

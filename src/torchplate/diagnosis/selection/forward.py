@@ -253,32 +253,37 @@ class ForwardSelection:
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")
         return replace(state, fit=found)
 
-    def _explained(self, state: State) -> State | None:
-        """The state, settled, if nothing but noise is left of it; None where more is."""
+    def _explained(self, state: State, doubted: bool = False) -> State | None:
+        """The state, settled, if nothing but noise is left of it; None where more is.
+
+        Args:
+            state: a model with what was named.
+            doubted: whether what was named last is, whatever it closed: a finer mesh left nothing but noise without it.
+        """
         fit = state.fit
         if not is_noise(fit) and (not fit.by_noise or fit.reduced_misfit > self.settings.doubtful):
             return None
-        ended = self._ended(state)
+        ended = self._ended(state, doubted)
         return ended if ended is state or is_explained(ended.fit, self.builder.target) else None
 
     def _one_more(self, state: State, rankings: list[Ranked]) -> State | None:
         """With one effect more, settled, where that is more probable than noise alone; None where none is."""
         self.say("nothing but noise is left: looking for what hides in it")
         needed = self._needed(state, rankings)
-        return None if needed is None else self._explained(self._added(state, *needed))
+        return None if needed is None else self._explained(self._added(state, *needed), doubted=True)
 
-    def _ended(self, state: State) -> State:
+    def _ended(self, state: State, doubted: bool = False) -> State:
         """The state, settled; as it is, where that leaves noise alone and settling more."""
-        settled = self._settled(state)
+        settled = self._settled(state, doubted)
         if is_explained(settled.fit, self.builder.target) or not is_noise(state.fit):
             return settled
         return state
 
-    def _settled(self, state: State) -> State:
+    def _settled(self, state: State, doubted: bool = False) -> State:
         """The last model once more, with the mesh error taken off where it now is.
 
-        Where it leaves little, on a finer mesh; there an effect that closed but a small gap has to show again that it
-        was not the mesh.
+        Where it leaves little, on a finer mesh; there an effect that closed but a small gap, or is doubted, has to show
+        again that it was not the mesh.
         """
         builder, target = self.builder, self.builder.target
         if not state.named and is_noise(state.fit):
@@ -295,8 +300,10 @@ class ForwardSelection:
         about = known_section(state.fit)
         settled = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False, about=about))
         if little:
-            small = tuple(one for one in state.named if one.before.left < self.settings.small_gap * target.floor)
-            settled = self.exchange.without_needless(settled, builder, small)
+            small = self.settings.small_gap * target.floor
+            last = state.named[-1] if doubted else None
+            again = tuple(one for one in state.named if one.before.left < small or one is last)
+            settled = self.exchange.without_needless(settled, builder, again)
             self.builder.count(builder.n_evaluation)
         return settled
 
