@@ -105,7 +105,7 @@ def diagnosed(lab):
     def get(name: str) -> SimpleNamespace:
         if name not in done:
             hidden, searched, channels = CASES[name]
-            # A force at a place needs a mesh as fine as the one that the last model is settled on.
+            # A force at a place needs a fine mesh.
             true = plate(hidden=hidden, refine=10 if MASS in hidden else 4, **channels)
             frf = extrapolate(true, float(LINES[-1])).model.frf(lab.nobody, LINES)
             std = lab.true_std(frf, SHARE, "mixed")
@@ -383,11 +383,36 @@ def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeyp
 
     monkeypatch.setattr(selection, "_needed", needed)
     monkeypatch.setattr(selection, "_lower", lambda *_: None)
-    monkeypatch.setattr(selection, "_explained", lambda state, **_: state)
+    doubts = []
+
+    def explained(state, doubted=False):
+        doubts.append(doubted)
+        return state
+
+    monkeypatch.setattr(selection, "_explained", explained)
     found, rankings = selection.add_effects(State(scene.state.model, scene.fit), most)
     assert [one.hypothesis.name for one in found.named] == ["sensor_gain", "point_mass"][:expected]
     assert asked == [[], ["sensor_gain"]][: min(most, 2)]
     assert len(rankings) == len(asked)
+    # Without the second nothing but noise was left: it alone is doubted.
+    assert doubts == [False, True][:expected]
+
+
+@torch.no_grad()
+def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab, monkeypatch):
+    scene = lab.Scene(hidden={"gain": 1.5})
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    hypothesis = scene.hypothesis("sensor_gain")
+    choice = choose((hypothesis,), scene.state.fit)
+    state = selection._added(scene.state, choice, Ranked((), (hypothesis,)))
+    (naming,) = state.named
+    assert naming.before.left > selection.settings.small_gap * scene.builder.target.floor
+    asked = []
+    monkeypatch.setattr(selection.exchange, "judged_again", lambda state: state)
+    monkeypatch.setattr(selection.exchange, "without_needless", lambda state, _, which: asked.append(which) or state)
+    for doubted in (False, True):
+        selection._settled(state, doubted)
+    assert asked == [(), (naming,)]
 
 
 @torch.no_grad()

@@ -66,6 +66,30 @@ def test_of_a_mass_the_part_is_left_by_which_a_spring_under_it_would_lighten_it(
     assert found["plate.youngs_modulus"] == 0
 
 
+def test_on_the_finer_mesh_a_heavy_mass_is_half_a_per_cent_off_as_the_page_says():
+    found = left("point_mass", 50, mass=0.19, **AT)
+    assert found["own.mass"] / 0.19 == pytest.approx(0.005, abs=5e-4)
+    assert SIDE * found["own.x"] == pytest.approx(1e-4, abs=1e-5)
+
+
+def test_a_mass_on_a_soft_spring_acts_with_the_spring():
+    """Far above its own frequency, here 20 Hz, it stands still."""
+    mass, spring = 0.1, 0.1 * (2 * torch.pi * 20) ** 2
+    hung = left("absorber", mass=mass, stiffness=spring, viscous_damping=1e-3, **AT)
+    held = left("ground_spring", stiffness=spring, **AT)
+    assert hung["own.stiffness"] == pytest.approx(held["own.stiffness"], rel=0.01)
+    assert hung["own.mass"] / mass == pytest.approx(held["own.stiffness"] / spring, rel=0.01)
+
+
+def test_a_mass_whose_place_is_known_is_off_alike():
+    searched = {"own.mass": Searched(0.1, 0.2)}
+    known = KNOWN | {"own.x": AT["x"], "own.y": AT["y"]}
+    effects = {"plate": Plate(), "own": CATALOGUE["point_mass"]()}
+    model = PlateModel(Mesh(SIDE, SIDE, 24, 24), effects, known, searched, [3], [8], "receptance")
+    (found,) = left_by_mesh(model, torch.tensor([0.18], dtype=torch.float64), TOP).tolist()
+    assert found == pytest.approx(left("point_mass", mass=0.18, **AT)["own.mass"])
+
+
 def test_it_goes_with_the_square_of_the_side_and_of_the_strength():
     coarse, fine = (left("ground_spring", n, stiffness=2e4, **AT)["own.stiffness"] for n in (12, 24))
     assert coarse == pytest.approx(4 * fine)

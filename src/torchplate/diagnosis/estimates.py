@@ -10,7 +10,10 @@ from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.result import Estimate
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.model import PlateModel
+from torchplate.plate import Correction, Local, bending_wavelength
 
+# What says how strongly something acts at its place.
+STRENGTHS = ("mass", "stiffness", "viscous_damping")
 # Of the standard normal distribution, at 95 %: nobody chose it.
 QUANTILE = 1.645
 
@@ -55,21 +58,30 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
         top: end of the band [Hz].
     """
     left, index = torch.zeros_like(theta), {name: k for k, name in enumerate(model.names)}
-    plan, values, omega = model.plan(theta), model.values(theta), 2 * math.pi * top
-    bending = plan.section.rigidity
-    rigidity = float((bending[..., 0, 0] * bending[..., 1, 1]).sqrt().mean())
-    sides = float(plan.geometry.length_x.mean()), float(plan.geometry.length_y.mean())
-    side = max(length / count for length, count in zip(sides, model.mesh.cells, strict=True))
+    plan, values = model.plan(theta), model.values(theta)
+    section, geometry = plan.section, plan.geometry
+    sides = {"x": float(geometry.length_x.mean()), "y": float(geometry.length_y.mean())}
+    side = max(length / count for length, count in zip(sides.values(), model.mesh.cells, strict=True))
+    rigidity = float(Correction.measure(section.rigidity, geometry)) * math.prod(sides.values())
     give = SETTINGS.meshes.give * side**2 / rigidity
-    wave_number = (omega**2 * float(plan.section.areal_mass.mean()) / rigidity) ** 0.25
-    weights = {"mass": omega**2, "stiffness": 1.0, "viscous_damping": omega}
-    for label in model.effects:
-        held = {key for key in weights if f"{label}.{key}" in index}
-        if not held or not {f"{label}.x", f"{label}.y"} <= index.keys():
+    metal = section.youngs_modulus, section.poisson_ratio, section.density, section.thickness
+    wave = bending_wavelength(top, *(float(own.mean()) for own in metal))
+    for label, effect in model.effects.items():
+        held = [index[name] for key in STRENGTHS if (name := f"{label}.{key}") in index]
+        at_place = effect.local(model.mesh, values[label]) if held and "x" in effect.parameters else None
+        if at_place is None:
             continue
-        part = give * max(abs(weights[key] * float(values[label][key])) for key in held)
-        for key in held:
-            left[index[f"{label}.{key}"]] = part * abs(float(values[label][key]))
-        for key, length in zip(("x", "y"), sides, strict=True):
-            left[index[f"{label}.{key}"]] = part / (2 * wave_number * length)
+        part = give * float(_force(at_place, top).abs())
+        left[held] = part * theta[held].abs()
+        for axis, length in sides.items():
+            if (name := f"{label}.{axis}") in index:
+                left[index[name]] = part * wave / (4 * math.pi * length)
     return left
+
+
+def _force(term: Local, frequency: float) -> Tensor:
+    """Dynamic stiffness of what sits at one place [N/m]."""
+    s = torch.tensor([2j * math.pi * frequency], dtype=torch.complex128)
+    parts = ((term.mass, s**2), (term.stiffness, 1), (term.viscous, s))
+    total = sum((own * factor for own, factor in parts if own is not None), torch.zeros_like(s))
+    return (total if term.sprung is None else total + term.sprung.force(s)[..., 0]).squeeze()

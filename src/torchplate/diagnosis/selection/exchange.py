@@ -143,7 +143,8 @@ class Exchange:
             label = naming.hypothesis.label
             model = without_candidate(state.model, label, naming.hypothesis.candidate)
             kept = [state.model.names.index(name) for name in model.names]
-            start = model.space.to_cube(state.fit.theta[kept])[None]
+            # What an interval was widened for may lie outside of it.
+            start = model.space.to_cube(state.fit.theta[kept])[None].clamp(0.0, 1.0)
             found: Fit = fit(builder, model, start, self.prior, wide=False, about=known_section(state.fit))
             back = replace(naming.hypothesis, fit=state.fit)
             if not is_needed(found, back, naming.by_chance):

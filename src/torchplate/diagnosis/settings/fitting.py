@@ -29,7 +29,8 @@ class Meshes:
 
     Args:
         searching: where effects are looked for.
-        settling: where the last model is settled.
+        settling: where the last model is settled: what `give` leaves of a mass of 4 % of 2.7 mm of steel is half a per
+            cent at 400 Hz there, less than what such a mass is weighed by in a test.
         margin: modes kept in a basis, in multiples of the band's end [-].
         corrected: modes whose mesh error is taken off, likewise [-]: what higher ones leave of theirs is of the second
             order in the size of the elements, and shows between resonances.
