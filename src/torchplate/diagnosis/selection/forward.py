@@ -201,7 +201,7 @@ class ForwardSelection:
                 single = self._added(state, choice, ranked)
             room = len(single.named) < most_effects
             if (settled := self._explained(single)) is not None:
-                return (self._one_more(single, rankings) if room else None) or settled, rankings
+                return (self._one_more(settled, rankings) if room else None) or settled, rankings
             # One alone does not do: the best pair need not begin with the best single one.
             further, settled = self._pairs(state, ranked, single, rankings) if room else (None, None)
             if settled is not None:
@@ -267,10 +267,26 @@ class ForwardSelection:
         return ended if ended is state or is_explained(ended.fit, self.builder.target) else None
 
     def _one_more(self, state: State, rankings: list[Ranked]) -> State | None:
-        """With one effect more, settled, where that is more probable than noise alone; None where none is."""
+        """With one effect more, settled, where that is more probable than noise alone; None where none is.
+
+        It is looked for on the mesh that the state was settled on: on a coarser one, what the mesh leaves hides in the
+        noise, too.
+        """
         self.say("nothing but noise is left: looking for what hides in it")
-        needed = self._needed(state, rankings)
-        return None if needed is None else self._explained(self._added(state, *needed), doubted=True)
+        builder = self._on_a_finer_mesh(state)
+        finer = ForwardSelection(builder, self.prior, self.say)
+        needed = finer._needed(state, rankings)
+        found = None if needed is None else finer._explained(finer._added(state, *needed), doubted=True)
+        self.builder.count(builder.n_evaluation)
+        return found
+
+    def _on_a_finer_mesh(self, state: State) -> ModelBuilder:
+        """What builds the last models, with the mesh error taken off where a state is."""
+        fineness = self.builder.target.settings.meshes.settling
+        if self.builder.fineness is fineness:
+            return self.builder
+        builder = ModelBuilder(self.builder.plain, self.builder.target, fineness=fineness)
+        return builder.expecting(builder.corrected(state.model, state.fit.theta))
 
     def _ended(self, state: State, doubted: bool = False) -> State:
         """The state, settled; as it is, where that leaves noise alone and settling more."""
@@ -294,8 +310,7 @@ class ForwardSelection:
             return state
         if little:
             self.say("settling on a finer mesh")
-            builder = ModelBuilder(self.builder.plain, target, fineness=target.settings.meshes.settling)
-            builder = builder.expecting(builder.corrected(state.model, state.fit.theta))
+            builder = self._on_a_finer_mesh(state)
         start = state.model.space.to_cube(state.fit.theta)[None]
         about = known_section(state.fit)
         settled = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False, about=about))
@@ -304,7 +319,8 @@ class ForwardSelection:
             last = state.named[-1] if doubted else None
             again = tuple(one for one in state.named if one.before.left < small or one is last)
             settled = self.exchange.without_needless(settled, builder, again)
-            self.builder.count(builder.n_evaluation)
+            if builder is not self.builder:
+                self.builder.count(builder.n_evaluation)
         return settled
 
     def _explains_some(self, before: Fit, hypothesis: Hypothesis, by_cost: bool = False) -> bool:
