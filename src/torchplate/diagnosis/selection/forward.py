@@ -201,7 +201,7 @@ class ForwardSelection:
                 single = self._added(state, choice, ranked)
             room = len(single.named) < most_effects
             if (settled := self._explained(single)) is not None:
-                return (self._one_more(settled, rankings) if room else None) or settled, rankings
+                return (self._one_more(single, settled, rankings) if room else None) or settled, rankings
             # One alone does not do: the best pair need not begin with the best single one.
             further, settled = self._pairs(state, ranked, single, rankings) if room else (None, None)
             if settled is not None:
@@ -266,19 +266,34 @@ class ForwardSelection:
         ended = self._ended(state, doubted)
         return ended if ended is state or is_explained(ended.fit, self.builder.target) else None
 
-    def _one_more(self, state: State, rankings: list[Ranked]) -> State | None:
+    def _one_more(self, before: State, state: State, rankings: list[Ranked]) -> State | None:
         """With one effect more, settled, where that is more probable than noise alone; None where none is.
 
         It is looked for on the mesh that the state was settled on: on a coarser one, what the mesh leaves hides in the
         noise, too.
+
+        Args:
+            before: as it was before it was settled.
+            state: settled.
+            rankings: the new one joins them.
         """
         self.say("nothing but noise is left: looking for what hides in it")
         builder = self._on_a_finer_mesh(state)
         finer = ForwardSelection(builder, self.prior, self.say)
-        needed = finer._needed(state, rankings)
+        needed = finer._needed(state, rankings, self._left_by_mesh(before, state, builder))
         found = None if needed is None else finer._explained(finer._added(state, *needed), doubted=True)
         self.builder.count(builder.n_evaluation)
         return found
+
+    def _left_by_mesh(self, coarse: State, fine: State, finer: ModelBuilder) -> float:
+        """Sum of squares that the finer mesh may have left, from what two meshes differ by where both are fitted.
+
+        What is left is of the second order in a side: on meshes of n and N elements, e_N = (e_n − e_N) n / (N − n).
+        """
+        marginal = fine.fit.marginal
+        differ = marginal.whitened(marginal.over_noise(coarse.fit.expected - fine.fit.expected)).square().sum()
+        n, further = self.builder.mesh.n_element, finer.mesh.n_element - self.builder.mesh.n_element
+        return float(differ) * (n / further) ** 2 if further > 0 else 0.0
 
     def _on_a_finer_mesh(self, state: State) -> ModelBuilder:
         """What builds the last models, with the mesh error taken off where a state is."""
@@ -414,9 +429,9 @@ class ForwardSelection:
         both = evidence(best.fit, weight) + sum(one.hypothesis.prior for one in best.named)
         return best if both < none else None
 
-    def _needed(self, state: State, rankings: list[Ranked]) -> tuple[Choice, Ranked] | None:
+    def _needed(self, state: State, rankings: list[Ranked], by_mesh: float = 0.0) -> tuple[Choice, Ranked] | None:
         """The best of the catalogue beside a state, if it is more probable than none; the ranking joins the others."""
-        ranked = self.ranking.at(state)
+        ranked = self.ranking.at(state, by_mesh)
         rankings.append(ranked)
         if not ranked.hypotheses:
             return None

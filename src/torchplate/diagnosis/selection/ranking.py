@@ -45,8 +45,13 @@ class Ranking:
         self.grounded, self.instead = Grounded(builder, self.refits), Instead(builder, prior, self.refits)
         self._far: set[str] = set()
 
-    def at(self, state: State) -> Ranked:
-        """Score the whole catalogue, and refit what promises most."""
+    def at(self, state: State, by_mesh: float = 0.0) -> Ranked:
+        """Score the whole catalogue, and refit what promises most.
+
+        Args:
+            state: beside which.
+            by_mesh: sum of squares that the mesh may have left.
+        """
         builder, misfit = self.builder, state.fit.reduced_misfit
         base = builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
         base = builder.target.specimen(base, state.fit.theta, state.fit.about)
@@ -66,7 +71,7 @@ class Ranking:
         # Beside an error of the model that was inflated until it explains what is left, every model is nearly right.
         nearly_right = misfit <= screening.nearly_right and (state.fit.by_noise or is_near)
         if is_near or nearly_right:
-            promises, by_chance = self._nearby(state, base, everyone)
+            promises, by_chance = self._nearby(state, base, everyone, by_mesh)
             # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
             best = promises[0].drop * state.fit.square if promises else 0.0
             no_more = is_noise(state.fit) and best <= by_chance
@@ -120,8 +125,10 @@ class Ranking:
         weight = torch.where(target.measurement.measured, 1 / target.variance, 0.0)
         return rearrangements(self.channels, target.measured, state.fit.expected, weight)
 
-    def _nearby(self, state: State, base: PlateModel, everyone: Sequence[Candidate]) -> tuple[list[Scored], float]:
-        """All candidates scored where peaks overlap; and what chance takes, where little is left."""
+    def _nearby(
+        self, state: State, base: PlateModel, everyone: Sequence[Candidate], by_mesh: float
+    ) -> tuple[list[Scored], float]:
+        """All candidates scored where peaks overlap; and what chance takes with the mesh, where little is left."""
         builder, near = self.builder, state.fit.marginal
         if (step := self._line_step(state)) > 1:
             builder = builder.against(builder.target.every(step))
@@ -131,6 +138,8 @@ class Ranking:
         if draws is None:
             return promises, 0.0
         by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
+        # What a candidate takes is the square of a projection, and those of noise and of the mesh add up at worst.
+        by_chance = (math.sqrt(by_chance) + math.sqrt(by_mesh)) ** 2
         self.say(f"  chance alone would let the best of them take {by_chance:.3g} from the sum of squares")
         return promises, by_chance
 
