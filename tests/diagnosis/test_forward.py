@@ -11,13 +11,18 @@ import torch
 
 import torchplate as tp
 from torchplate.diagnosis.candidates.candidate import nameable
+from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import judged_at
+from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.selection.criterion import choose
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.screen import Scored
 from torchplate.diagnosis.selection.trace import Ranked, State
+from torchplate.diagnosis.settings import SETTINGS
+from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.measurement import PERFECT, NaturalFrequencies
+from torchplate.measurement.noise import Noise
 from torchplate.model import PlateModel, Searched, extrapolate
 from torchplate.plate import Local, Mesh
 
@@ -375,7 +380,7 @@ def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeyp
     selection = ForwardSelection(scene.builder, {}, said.append)
     gain, mass = scene.hypothesis("sensor_gain"), scene.hypothesis("point_mass")
 
-    def needed(state, rankings):
+    def needed(state, rankings, by_mesh=0.0):
         asked.append([one.hypothesis.name for one in state.named])
         ranked = Ranked((), ((mass if state.named else gain),))
         rankings.append(ranked)
@@ -396,6 +401,61 @@ def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeyp
     assert len(rankings) == len(asked)
     # Without the second nothing but noise was left: it alone is doubted.
     assert doubts == [False, True][:expected]
+
+
+@torch.no_grad()
+def test_the_second_is_looked_for_on_the_mesh_that_the_first_was_settled_on(lab, monkeypatch):
+    scene = lab.Scene()
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    state = State(scene.state.model, scene.fit)
+    finer = selection._on_a_finer_mesh(state)
+    assert finer.mesh.n_element >= SETTINGS.meshes.settling.least > scene.builder.mesh.n_element
+    asked = []
+
+    def needed(self, state, rankings, by_mesh):
+        asked.append((self.builder.mesh.n_element, by_mesh))
+
+    monkeypatch.setattr(ForwardSelection, "_needed", needed)
+    monkeypatch.setattr(ForwardSelection, "_left_by_mesh", lambda *_: 7.0)
+    assert selection._one_more(state, replace(state), []) is None
+    # What a finer mesh did not leave as noise is as it was, and so is where it is looked beside it.
+    assert selection._one_more(state, state, []) is None
+    assert asked == [(finer.mesh.n_element, 7.0), (scene.builder.mesh.n_element, 0.0)]
+    # What that mesh costs is counted.
+    before = scene.builder.n_evaluation
+    finer.count(3)
+    assert scene.builder.n_evaluation == before + 3
+
+
+@torch.no_grad()
+@pytest.mark.check
+def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab):
+    """Under a mass, whose force the elements do not follow; against a mesh of 10,000 elements."""
+    true = plate(hidden=(MASS,))
+    searched = {"hidden_0.mass": Searched(0.03, 0.1)}
+    known = {key: value for key, value in true.known_values.items() if key not in searched}
+    model = true.replaced(known=known, searched=searched)
+    theta = torch.tensor([MASS[1]["mass"]], dtype=torch.float64)
+    frf = true.frf(lab.nobody, LINES)
+    std = lab.true_std(frf, 1e-3, "mixed")
+    noise, none = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std)), torch.zeros(2, 3, dtype=torch.bool)
+
+    def seen(frf: torch.Tensor) -> FrfTarget:
+        return FrfTarget(lab.measured(LINES, frf, RESPONSE, REFERENCE), noise, none, False, PERFECT)
+
+    finest = ModelBuilder(model, seen(frf), fineness=replace(SETTINGS.meshes.settling, least=10_000))
+    whole = finest.corrected(finest.given, theta).model
+    truth = finest.predict(finest.reduced(whole, theta[None]), theta)
+    selection = ForwardSelection.of(model, seen(truth), {}, lambda _: None)
+    given = selection.builder.given
+    start = given.space.to_cube(theta)[None]
+    coarse = State(given, fit(selection.builder, given, start, wide=False))
+    finer = selection._on_a_finer_mesh(coarse)
+    fine = State(given, fit(finer, given, start, wide=False))
+    marginal = fine.fit.marginal
+    left = float(marginal.whitened(marginal.over_noise(truth - fine.fit.expected)).square().sum())
+    # 4.9 and 1.5: it need not be sharp, and it is no less than what is left.
+    assert left < selection._left_by_mesh(coarse, fine, finer) < 5 * left
 
 
 @torch.no_grad()

@@ -252,6 +252,17 @@ def test_beside_noise_what_promises_no_more_than_chance_waits_for_one_that_is_ne
 
 
 @torch.no_grad()
+def test_what_the_mesh_may_have_left_adds_to_what_chance_takes(lab):
+    """A vector's projection is no longer than those of its two parts together."""
+    quiet = lab.Scene(hidden={"gain": 1.0})
+    base = quiet.builder.reduced(quiet.fit.model, quiet.fit.theta[None], by_element=True)
+    every = [quiet.candidate(name) for name in ("point_mass", "sensor_gain")]
+    chance, both = (quiet.ranking._nearby(quiet.state, base, every, by_mesh)[1] for by_mesh in (0.0, 16.0))
+    assert 4 < chance < 30
+    assert both == pytest.approx(chance + 16 + 8 * chance**0.5)
+
+
+@torch.no_grad()
 def test_those_go_on_that_gained_a_quarter_of_what_the_best_did(scene):
     gain = scene.hypothesis("sensor_gain")
 

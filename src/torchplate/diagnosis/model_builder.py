@@ -43,6 +43,7 @@ class ModelBuilder:
         self._assembly = Assembly(self.mesh, dense=False).to(model.known)
         self._finer: Assembly | None = None
         self._known: list[Extrapolated] = []
+        self._as_fine: dict[Fineness, ModelBuilder] = {}
         self.top = float(target.frequency.max())
         self.given = self.adopt(model)
 
@@ -116,6 +117,15 @@ class ModelBuilder:
         side = max(self.mesh.length_x / n_x, self.mesh.length_y / n_y)
         place = self.fineness.place * side
         return self.against(self.target.with_mesh_error(shift, self.fineness.shape, in_band, place))
+
+    def as_fine_as(self, fineness: Fineness) -> "ModelBuilder":
+        """The same on another mesh whose error is taken off, made once; what it costs is counted here."""
+        if fineness == self.fineness:
+            return self
+        if fineness not in self._as_fine:
+            self._as_fine[fineness] = ModelBuilder(self.plain, self.target, fineness=fineness)
+            self._as_fine[fineness]._count = self._count
+        return self._as_fine[fineness].against(self.target)
 
     def against(self, target: FrfTarget) -> "ModelBuilder":
         """The same beside another target; meshes are shared."""

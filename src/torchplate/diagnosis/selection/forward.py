@@ -274,16 +274,16 @@ class ForwardSelection:
 
         Args:
             before: as it was before it was settled.
-            state: settled.
+            state: settled; or the same, where it is not noise alone that a finer mesh leaves.
             rankings: the new one joins them.
         """
         self.say("nothing but noise is left: looking for what hides in it")
-        builder = self._on_a_finer_mesh(state)
-        finer = ForwardSelection(builder, self.prior, self.say)
-        needed = finer._needed(state, rankings, self._left_by_mesh(before, state, builder))
-        found = None if needed is None else finer._explained(finer._added(state, *needed), doubted=True)
-        self.builder.count(builder.n_evaluation)
-        return found
+        finer, by_mesh = self, 0.0
+        if state is not before:
+            finer = ForwardSelection(self._on_a_finer_mesh(state), self.prior, self.say)
+            by_mesh = self._left_by_mesh(before, state, finer.builder)
+        needed = finer._needed(state, rankings, by_mesh)
+        return None if needed is None else finer._explained(finer._added(state, *needed), doubted=True)
 
     def _left_by_mesh(self, coarse: State, fine: State, finer: ModelBuilder) -> float:
         """Sum of squares that the finer mesh may have left, from what two meshes differ by where both are fitted.
@@ -297,10 +297,7 @@ class ForwardSelection:
 
     def _on_a_finer_mesh(self, state: State) -> ModelBuilder:
         """What builds the last models, with the mesh error taken off where a state is."""
-        fineness = self.builder.target.settings.meshes.settling
-        if self.builder.fineness is fineness:
-            return self.builder
-        builder = ModelBuilder(self.builder.plain, self.builder.target, fineness=fineness)
+        builder = self.builder.as_fine_as(self.builder.target.settings.meshes.settling)
         return builder.expecting(builder.corrected(state.model, state.fit.theta))
 
     def _ended(self, state: State, doubted: bool = False) -> State:
@@ -334,8 +331,6 @@ class ForwardSelection:
             last = state.named[-1] if doubted else None
             again = tuple(one for one in state.named if one.before.left < small or one is last)
             settled = self.exchange.without_needless(settled, builder, again)
-            if builder is not self.builder:
-                self.builder.count(builder.n_evaluation)
         return settled
 
     def _explains_some(self, before: Fit, hypothesis: Hypothesis, by_cost: bool = False) -> bool:
