@@ -16,6 +16,7 @@ from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.selection.criterion import choose
 from torchplate.diagnosis.selection.forward import ForwardSelection
+from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.screen import Scored
 from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.diagnosis.settings import SETTINGS
@@ -380,7 +381,7 @@ def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeyp
     selection = ForwardSelection(scene.builder, {}, said.append)
     gain, mass = scene.hypothesis("sensor_gain"), scene.hypothesis("point_mass")
 
-    def needed(state, rankings, by_mesh=0.0):
+    def needed(state, rankings):
         asked.append([one.hypothesis.name for one in state.named])
         ranked = Ranked((), ((mass if state.named else gain),))
         rankings.append(ranked)
@@ -404,23 +405,34 @@ def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeyp
 
 
 @torch.no_grad()
-def test_the_second_is_looked_for_on_the_mesh_that_the_first_was_settled_on(lab, monkeypatch):
+@pytest.mark.parametrize("promised", [0.0, 6.0, 8.0])
+def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(lab, monkeypatch, promised):
     scene = lab.Scene()
     selection = ForwardSelection(scene.builder, {}, lambda _: None)
-    state = State(scene.state.model, scene.fit)
+    state, settled = scene.state, replace(scene.state)
     finer = selection._on_a_finer_mesh(state)
     assert finer.mesh.n_element >= SETTINGS.meshes.settling.least > scene.builder.mesh.n_element
-    asked = []
+    nothing, asked, looked = torch.zeros(0), [], []
+    candidate = scene.candidate("point_mass")
+    drop = promised / scene.fit.square
+    promise = Scored(candidate, "point_mass", state.model, drop, {}, torch.zeros(1, 3), nothing, nothing)
 
-    def needed(self, state, rankings, by_mesh):
+    def scored(self, _state, by_mesh):
         asked.append((self.builder.mesh.n_element, by_mesh))
+        return Ranked((promise,) if promised else (), (), 7.0)
 
-    monkeypatch.setattr(ForwardSelection, "_needed", needed)
-    monkeypatch.setattr(ForwardSelection, "_left_by_mesh", lambda *_: 7.0)
-    assert selection._one_more(state, replace(state), []) is None
-    # What a finer mesh did not leave as noise is as it was, and so is where it is looked beside it.
-    assert selection._one_more(state, state, []) is None
-    assert asked == [(finer.mesh.n_element, 7.0), (scene.builder.mesh.n_element, 0.0)]
+    monkeypatch.setattr(Ranking, "scored", scored)
+    monkeypatch.setattr(selection, "_left_by_mesh", lambda *_: 3.0)
+    monkeypatch.setattr(selection, "_needed", lambda state, _: looked.append(state))
+    rankings: list[Ranked] = []
+    assert selection._one_more(state, settled, rankings) is None
+    assert asked == [(finer.mesh.n_element, 3.0)]
+    assert looked == ([state] if promised > 7 else [])
+    assert len(rankings) == (promised <= 7)
+    # What a finer mesh did not leave as noise is looked at where it is.
+    assert selection._one_more(state, state, rankings) is None
+    assert len(asked) == 1
+    assert looked[-1] is state
     # What that mesh costs is counted.
     before = scene.builder.n_evaluation
     finer.count(3)

@@ -269,8 +269,8 @@ class ForwardSelection:
     def _one_more(self, before: State, state: State, rankings: list[Ranked]) -> State | None:
         """With one effect more, settled, where that is more probable than noise alone; None where none is.
 
-        It is looked for on the mesh that the state was settled on: on a coarser one, what the mesh leaves hides in the
-        noise, too.
+        On the mesh that the state was settled on, something has to promise more than chance and that mesh take: on a
+        coarser one, what the mesh leaves hides in the noise, too.
 
         Args:
             before: as it was before it was settled.
@@ -278,12 +278,15 @@ class ForwardSelection:
             rankings: the new one joins them.
         """
         self.say("nothing but noise is left: looking for what hides in it")
-        finer, by_mesh = self, 0.0
         if state is not before:
-            finer = ForwardSelection(self._on_a_finer_mesh(state), self.prior, self.say)
-            by_mesh = self._left_by_mesh(before, state, finer.builder)
-        needed = finer._needed(state, rankings, by_mesh)
-        return None if needed is None else finer._explained(finer._added(state, *needed), doubted=True)
+            builder = self._on_a_finer_mesh(state)
+            finer = ForwardSelection(builder, self.prior, self.say)
+            scored = finer.ranking.scored(state, self._left_by_mesh(before, state, builder))
+            if not scored.promises or scored.promises[0].drop * state.fit.square <= scored.by_chance:
+                rankings.append(scored)
+                return None
+        needed = self._needed(before, rankings)
+        return None if needed is None else self._explained(self._added(before, *needed), doubted=True)
 
     def _left_by_mesh(self, coarse: State, fine: State, finer: ModelBuilder) -> float:
         """Sum of squares that the finer mesh may have left, from what two meshes differ by where both are fitted.
@@ -424,9 +427,9 @@ class ForwardSelection:
         both = evidence(best.fit, weight) + sum(one.hypothesis.prior for one in best.named)
         return best if both < none else None
 
-    def _needed(self, state: State, rankings: list[Ranked], by_mesh: float = 0.0) -> tuple[Choice, Ranked] | None:
+    def _needed(self, state: State, rankings: list[Ranked]) -> tuple[Choice, Ranked] | None:
         """The best of the catalogue beside a state, if it is more probable than none; the ranking joins the others."""
-        ranked = self.ranking.at(state, by_mesh)
+        ranked = self.ranking.at(state)
         rankings.append(ranked)
         if not ranked.hypotheses:
             return None

@@ -45,22 +45,21 @@ class Ranking:
         self.grounded, self.instead = Grounded(builder, self.refits), Instead(builder, prior, self.refits)
         self._far: set[str] = set()
 
-    def at(self, state: State, by_mesh: float = 0.0) -> Ranked:
-        """Score the whole catalogue, and refit what promises most.
+    def scored(self, state: State, by_mesh: float) -> Ranked:
+        """Score the whole catalogue, where little is left, and refit nothing.
 
         Args:
             state: beside which.
             by_mesh: sum of squares that the mesh may have left.
         """
+        base, everyone = self._catalogue_beside(state)
+        promises, by_chance = self._nearby(state, base, everyone, by_mesh)
+        return Ranked(tuple(promises), (), by_chance)
+
+    def at(self, state: State) -> Ranked:
+        """Score the whole catalogue, and refit what promises most."""
         builder, misfit = self.builder, state.fit.reduced_misfit
-        base = builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
-        base = builder.target.specimen(base, state.fit.theta, state.fit.about)
-        rearranged = self._rearranged(state)
-        everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys())
-        self.say(f"scoring {len(everyone)} candidates")
-        n_option = {one.name: sum(other.name == one.name for other in everyone) for one in everyone}
-        n_option |= {"channel_swap": rearranged.n_swap, "channel_polarity": rearranged.n_polarity}
-        self.refits.n_option = n_option
+        base, everyone = self._catalogue_beside(state)
         self._far = set()
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
@@ -71,7 +70,7 @@ class Ranking:
         # Beside an error of the model that was inflated until it explains what is left, every model is nearly right.
         nearly_right = misfit <= screening.nearly_right and (state.fit.by_noise or is_near)
         if is_near or nearly_right:
-            promises, by_chance = self._nearby(state, base, everyone, by_mesh)
+            promises, by_chance = self._nearby(state, base, everyone)
             # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
             best = promises[0].drop * state.fit.square if promises else 0.0
             no_more = is_noise(state.fit) and best <= by_chance
@@ -112,6 +111,18 @@ class Ranking:
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= selecting.little)]
         return Ranked(tuple(promises), tuple(best_of_each(ended)), by_chance, frozenset(self._far))
 
+    def _catalogue_beside(self, state: State) -> tuple[PlateModel, list[Candidate]]:
+        """The plate that candidates are scored beside, in few modes, and all of them."""
+        base = self.builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
+        base = self.builder.target.specimen(base, state.fit.theta, state.fit.about)
+        rearranged = self._rearranged(state)
+        everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys())
+        self.say(f"scoring {len(everyone)} candidates")
+        n_option = {one.name: sum(other.name == one.name for other in everyone) for one in everyone}
+        n_option |= {"channel_swap": rearranged.n_swap, "channel_polarity": rearranged.n_polarity}
+        self.refits.n_option = n_option
+        return base, everyone
+
     def _hopeless(self, ends: Sequence[Hypothesis]) -> float:
         """The sum of squares beyond which a support at the same place is not asked for: the best leaves noise."""
         best = min(ends, key=lambda one: one.fit.square, default=None)
@@ -126,7 +137,7 @@ class Ranking:
         return rearrangements(self.channels, target.measured, state.fit.expected, weight)
 
     def _nearby(
-        self, state: State, base: PlateModel, everyone: Sequence[Candidate], by_mesh: float
+        self, state: State, base: PlateModel, everyone: Sequence[Candidate], by_mesh: float = 0.0
     ) -> tuple[list[Scored], float]:
         """All candidates scored where peaks overlap; and what chance takes with the mesh, where little is left."""
         builder, near = self.builder, state.fit.marginal
