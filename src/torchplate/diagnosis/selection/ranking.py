@@ -151,7 +151,8 @@ class Ranking:
         by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
         # What a candidate takes is the square of a projection, and those of noise and of the mesh add up at worst.
         by_chance = (math.sqrt(by_chance) + math.sqrt(by_mesh)) ** 2
-        self.say(f"  chance alone would let the best of them take {by_chance:.3g} from the sum of squares")
+        alone = "chance and the mesh" if by_mesh else "chance alone"
+        self.say(f"  {alone} would let the best of them take {by_chance:.3g} from the sum of squares")
         return promises, by_chance
 
     def _widely(

@@ -88,8 +88,8 @@ class Ranked:
     Attributes:
         promises: the score test.
         hypotheses: what was refitted.
-        by_chance: what chance alone lets the best of the catalogue take from the sum of squares once in a hundred; 0
-            where so much is left that it was not asked.
+        by_chance: what chance, and the mesh where that may show, let the best of the catalogue take from the sum of
+            squares once in a hundred; 0 where so much is left that it was not asked.
         far: names that were fitted beside the frequency axis alone, where they stayed far above the best.
     """
 
