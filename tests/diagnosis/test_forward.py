@@ -14,6 +14,7 @@ from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.selection import forward
 from torchplate.diagnosis.selection.criterion import choose
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.ranking import Ranking
@@ -306,7 +307,7 @@ def test_a_tolerance_of_a_number_that_is_not_there_is_said(lab):
 
 
 @torch.no_grad()
-def test_a_baseline_that_stopped_too_soon_is_taken_up_from_where_an_effect_led(lab):
+def test_a_baseline_that_stopped_too_soon_is_taken_up_from_where_an_effect_led(lab, monkeypatch):
     scene = lab.Scene(hidden={"gain": 1.0})
     said: list[str] = []
     selection = ForwardSelection(scene.builder, {}, said.append)
@@ -324,6 +325,14 @@ def test_a_baseline_that_stopped_too_soon_is_taken_up_from_where_an_effect_led(l
     nearly = lab.leaving(end, 0.1 * end.square)
     assert selection._lower(State(model, stuck), State(model, nearly), ranked, alone=True) is None
     assert selection._lower(State(model, stuck), State(model, end), ranked, alone=True) is not None
+    # Far above the noise a baseline that is likelier, but leaves as much, is another end of one valley.
+    beside = stuck._replace(judged=stuck.judged._replace(cost=stuck.judged.cost + 1e3))
+    monkeypatch.setattr(forward, "fit", lambda *_, **__: stuck)
+    assert selection._lower(State(model, beside), State(model, end), ranked, alone=False) is None
+    little = stuck._replace(judged=end.judged)
+    monkeypatch.setattr(forward, "fit", lambda *_, **__: little)
+    more = little._replace(judged=end.judged._replace(cost=end.judged.cost + 1e3))
+    assert selection._lower(State(model, more), State(model, end), ranked, alone=False) is not None
 
 
 @torch.no_grad()

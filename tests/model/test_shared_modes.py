@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.func import hessian, jacfwd, jacrev, vmap
 
-from torchplate.model import PlateModel, Searched, fine_mesh, reduce, shared_modes
+from torchplate.model import PlateModel, Searched, fine_mesh, reduce, ritz_basis, shared_modes, sharing_modes
 from torchplate.plate import Mesh
 from torchplate.plate.transforms import REMEMBERED
 
@@ -308,3 +308,32 @@ def test_natural_frequencies_of_a_model_that_needs_no_matrix_are_those_of_all_do
     torch.testing.assert_close(
         shared.natural_frequencies(theta, 8), model.natural_frequencies(theta, 8), rtol=1e-7, atol=1e-6
     )
+
+
+@SHAPES
+def test_a_model_in_a_basis_has_the_same_frfs_in_the_modes_that_its_members_share(plates, mesh: Mesh) -> None:
+    options = {"response": [3, (0.61, 0.37)], "reference": [8, 12, (0.83, 0.71)], "kind": "accelerance"}
+    model = plates.build(mesh, {}, BOX, **options)
+    frequency = torch.linspace(0.0, 6.3, 41, dtype=torch.float64) * plates.first_bending(mesh)
+    middle = members(model, 1, seed=5)
+    small = model.projected(ritz_basis(model, middle, frequency, 0, 3.0))
+    shared = sharing_modes(small)
+    assert shared is not None
+    assert shared.shared_modes is not None
+    theta = members(model, 6, seed=6)
+    # Digits that strong springs and lumps take: see `reduced_basis.ROUNDING`.
+    assert error(shared.frf(theta, frequency), small.frf(theta, frequency)) < 1e-8
+    assert error(shared.frf(theta, frequency, decay=9.0), small.frf(theta, frequency, decay=9.0)) < 1e-8
+
+
+def test_members_with_dampings_of_their_own_or_other_sections_share_no_modes_in_a_basis(plates) -> None:
+    mesh = MESHES["rectangle"]
+    options = {"response": [3], "reference": [8], "kind": "accelerance"}
+    frequency = torch.linspace(0.0, 3.0, 7, dtype=torch.float64) * plates.first_bending(mesh)
+    model = plates.build(mesh, {}, BOX, **options)
+    assert sharing_modes(model) is None
+    small = model.projected(ritz_basis(model, members(model, 1), frequency, 0, 2.0))
+    assert sharing_modes(small) is not None
+    assert sharing_modes(small.with_damping_factors(torch.full((4,), 1.2, dtype=torch.float64))) is None
+    bent = plates.build(mesh, {}, BOX | {"plate.poisson_ratio": Searched(0.25, 0.35)}, **options)
+    assert sharing_modes(bent.projected(ritz_basis(bent, members(bent, 1), frequency, 0, 2.0))) is None

@@ -86,10 +86,21 @@ class ModelBuilder:
         return numbers if again is numbers else extrapolate(again, self.top).model
 
     def reduced(
-        self, model: PlateModel, members: Float[Tensor, "n_member n_parameter"], by_element: bool | None = None
+        self,
+        model: PlateModel,
+        members: Float[Tensor, "n_member n_parameter"],
+        by_element: bool | None = None,
+        margin: float | None = None,
     ) -> PlateModel:
-        """A model in the modes of some of its members, and the static residual of the higher ones."""
-        margin = self.target.settings.meshes.margin
+        """A model in the modes of some of its members, and the static residual of the higher ones.
+
+        Args:
+            model: in all dofs.
+            members: whose modes these are.
+            by_element: whether elements will differ; left out, where they do.
+            margin: modes kept, in multiples of the band's end [-]; left out, that of the settings.
+        """
+        margin = margin or self.target.settings.meshes.margin
         basis = ritz_basis(model, members, torch.tensor([self.top]).to(model.known), 0, margin)
         if by_element is None:
             return model.projected(basis)

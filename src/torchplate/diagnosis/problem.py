@@ -1,6 +1,7 @@
 """Residuals of one hypothesis on the unit cube, and the ways down from several starts."""
 
 from collections.abc import Mapping
+from functools import cached_property
 
 import torch
 from jaxtyping import Float
@@ -9,7 +10,7 @@ from torch import Tensor
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import Marginal
-from torchplate.model import PlateModel
+from torchplate.model import PlateModel, sharing_modes
 from torchplate.search import Descent, least_squares, recalled
 
 Prior = Mapping[str, tuple[float, float]]
@@ -29,7 +30,6 @@ class Problem:
         self, builder: ModelBuilder, model: PlateModel, prior: Prior, marginal: Marginal | None = None
     ) -> None:
         self.builder, self.model, self.marginal = builder, model, marginal
-        self._roughly = model.without_coupling()
         known = [(model.names.index(name), *told) for name, told in prior.items() if name in model.names]
         self._index = [index for index, _, _ in known]
         self._mean, self._std = (model.known.new_tensor([row[k] for row in known]) for k in (1, 2))
@@ -52,7 +52,16 @@ class Problem:
     def predict(self, theta: Float[Tensor, "*batch n"], level: int) -> Tensor:
         """What the model says at a level: at the wide ones roughly."""
         sharp = level == self.target.levels - 1
-        return self.builder.predict(self.model if sharp else self._roughly, theta, level)
+        return self.builder.predict(self._evaluated if sharp else self._roughly, theta, level)
+
+    @cached_property
+    def _evaluated(self) -> PlateModel:
+        """The model in the modes that its members share, where they do; each specimen has its own."""
+        return (None if self.model.assembly.unevenness is not None else sharing_modes(self.model)) or self.model
+
+    @cached_property
+    def _roughly(self) -> PlateModel:
+        return self._evaluated.without_coupling()
 
     def deviations(
         self, prediction: Tensor, theta: Float[Tensor, "*batch n"], level: int

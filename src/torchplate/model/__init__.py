@@ -39,7 +39,7 @@ from torchplate.model.modes_at import ModesAt, modes_at
 from torchplate.model.parameter_space import ParameterSpace
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.plate_variants import SINGLE_TOLERANCE
-from torchplate.model.reduced_basis import reduce, ritz_basis
+from torchplate.model.reduced_basis import reduce, ritz_basis, sharing_modes
 from torchplate.model.usual_ranges import impossible, plate_mass, sizes, unusual
 
 __all__ = [
@@ -77,6 +77,7 @@ __all__ = [
     "reduce",
     "ritz_basis",
     "sensor_chain",
+    "sharing_modes",
     "sizes",
     "solve_eigenvalues",
     "solve_modes",

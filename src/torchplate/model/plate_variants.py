@@ -70,19 +70,27 @@ class PlateVariants(DeclaredPlate):
         found.off_marks = self.off_marks
         return found
 
-    def projected(self: Kind, basis: Float[Tensor, "n_free n_basis"], shared_modes: SharedModes | None = None) -> Kind:
+    def projected(
+        self: Kind,
+        basis: Float[Tensor, "n_free n_basis"],
+        shared_modes: SharedModes | None = None,
+        matrices: bool = True,
+    ) -> Kind:
         """The same model with all matrices projected on a basis over the free dofs; see `reduced_basis`.
 
         Args:
             basis: its columns.
             shared_modes: of all members, if they have any; the columns are then these modes.
+            matrices: whether natural frequencies or gradients in matrices will be wanted, too, beside the FRFs.
         """
         twin = self._twin()
         section = self.plan(self.space.to_si(torch.full((len(self.names),), 0.5).to(self.known))).section
         by_element = any(part is not None and part.shape[-1] > 1 for part in section)
         # On all dofs, members that share their modes need no matrix any more.
-        dense = shared_modes is None or basis.shape[0] != basis.shape[1]
-        twin.assembly = Assembly(self.mesh, basis.cpu(), by_element, self.assembly.correction, dense).to(basis)
+        dense = shared_modes is None or (matrices and basis.shape[0] != basis.shape[1])
+        twin.assembly = Assembly(self.mesh, basis.cpu(), by_element and dense, self.assembly.correction, dense).to(
+            basis
+        )
         twin.shared_modes = shared_modes
         return twin
 

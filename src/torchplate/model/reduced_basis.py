@@ -189,6 +189,27 @@ def _sharing(model: PlateModel, start: PlateModel, members: Tensor) -> PlateMode
     return model.projected(turn if start.assembly.basis is None else start.assembly.basis @ turn, shared)
 
 
+def sharing_modes(model: PlateModel) -> PlateModel | None:
+    """A model in a basis, in the modes that all members of its box share: the same FRFs, without an `eigh` for each.
+
+    Far modes have as many terms of their series as leave rounding alone. For FRFs: it has no matrices.
+
+    Args:
+        model: in a basis.
+
+    Returns:
+        It; None where members share no modes, or have dampings of their own.
+    """
+    if model.damping_factor is not None or model.assembly.basis is None:
+        return None
+    build, _, _, ends = _members(model)
+    found = find_shared_modes(model.assembly, model.plan(build[0]), model.plan(torch.cat([build, ends])))
+    if found is None:
+        return None
+    turn, shared = found
+    return model.projected(model.assembly.basis @ turn, shared.with_series(EXACT), matrices=False)
+
+
 def ritz_basis(
     model: PlateModel,
     theta: Tensor,

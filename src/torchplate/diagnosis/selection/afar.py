@@ -50,7 +50,8 @@ class FromAfar:
         spread = SobolEngine(n).draw(2 * settings.n_spread, dtype=torch.float64).to(promise.starts)
         members = torch.cat([promise.starts, spread])
         some = torch.cat([promise.starts[:1], members[-settings.n_plates :]])
-        problem = Problem(self.builder, self.builder.reduced(whole, whole.space.to_si(some)), self.prior)
+        margin = self.builder.target.settings.meshes.roughly
+        problem = Problem(self.builder, self.builder.reduced(whole, whole.space.to_si(some), margin=margin), self.prior)
         value = problem.residual(members, 0).square().sum(-1)
         starts, left = widely(problem, members[value.argsort()[: settings.n_far]], settings.n_kept)
         given = Problem(self.builder, state.fit.reduced, self.prior)

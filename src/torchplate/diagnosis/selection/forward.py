@@ -247,7 +247,9 @@ class ForwardSelection:
         beat = Beat(state.fit.way, state.fit.cost)
         found = fit(self.builder, state.model, position, self.prior, False, limit, about, beat=beat)
         fallen = found.square <= (1 - self.settings.stopped_soon) * state.fit.square
-        likelier = found.cost < state.fit.cost - max(1.0, ranked.by_chance)
+        # Far above the noise, two ends of one valley differ by more than that, and no name hangs on which it is.
+        little = state.fit.reduced_misfit <= self.settings.doubtful
+        likelier = little and found.cost < state.fit.cost - max(1.0, ranked.by_chance)
         if not found.by_noise or not (fallen or likelier) or (alone and found.square > limit):
             return None
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")
