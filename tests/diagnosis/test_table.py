@@ -12,8 +12,9 @@ import torchplate as tp
 from torchplate.diagnosis.table import diagnose_table
 from torchplate.diagnosis.table.comparison import Comparing
 from torchplate.diagnosis.table.evidence import TableEvidence
+from torchplate.diagnosis.table.hypotheses import visible
 from torchplate.diagnosis.table.plates import Plates
-from torchplate.diagnosis.table.refit import Problem
+from torchplate.diagnosis.table.refit import Minimum, Problem, together
 from torchplate.diagnosis.table.settings import SETTINGS
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import NaturalFrequencies
@@ -147,6 +148,64 @@ def test_a_pair_is_found_where_no_single_effect_does():
     found = diagnose_table(plate(YOUNG), table(16, *hidden, scatter=3e-4))
     assert found.verdict == "explained"
     assert {"point_mass", "aspect_ratio"} <= names(found)
+
+
+@functools.cache
+def evaluated() -> Plates:
+    evidence = TableEvidence.of(table(12, scatter=1e-3), SETTINGS)
+    return Plates(plate(YOUNG), evidence, "corrected", SETTINGS, 100)
+
+
+@pytest.mark.parametrize("name", sorted(name for name, one in CATALOGUE.items() if one.moves_natural_frequencies()))
+def test_every_effect_changes_natural_frequencies_as_its_slope_says(name):
+    plates = evaluated()
+    middle = plates.model.known.new_full((1,), 0.43)
+    every = [one for one in visible(plates, plates.model.space.to_si(middle)) if one.name == name]
+    if not every:
+        # The plate itself, and what is no candidate of a table.
+        assert name in (
+            "plate",
+            "support_spring",
+            "support_asymmetry",
+            "cut_out",
+            "thickness_field",
+            "field",
+            "grain_angle",
+        )
+        return
+    natural = plates.reduced(plates.with_effects([every[0]], ["more"]))
+    # Away from the lines between elements, where what runs along one has a kink.
+    spread = 0.1 + 0.8 * torch.rand(2, natural.n_parameter, generator=torch.Generator().manual_seed(4)).double()
+    step = 1e-5
+    for k in range(natural.n_parameter):
+        shift = step * torch.eye(natural.n_parameter, dtype=torch.float64)[k]
+        differences = (natural.frequency(spread + shift) - natural.frequency(spread - shift)) / (2 * step)
+        # The slope's own step of 1e-6 times the curvature of what moves along the plate [Hz].
+        assert natural.slope(spread)[..., k] == pytest.approx(differences, rel=1e-3, abs=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("parts", "held"),
+    [
+        # Likelihood and part of the box of each: beside one that holds all, others of its height change nothing.
+        ([(1.0, 1.0), (1.0, 1.0), (1.0, 1.0)], 1.0),
+        # What they hold together is a mean over the prior.
+        ([(1.0, 1.0), (0.5, 1.0)], 0.75),
+        # Narrow ones add up.
+        ([(1.0, 0.1), (0.5, 0.2)], 0.2),
+        ([(3.0, 0.04)], 0.12),
+    ],
+)
+def test_minima_hold_no_more_of_the_prior_than_there_is(parts, held):
+    nothing = torch.zeros(0, dtype=torch.float64)
+
+    def minimum(likelihood: float, part: float) -> Minimum:
+        peak = -2 * math.log(likelihood)
+        evidence = peak - 2 * math.log(part)
+        square = nothing[:, None] @ nothing[None]
+        return Minimum(nothing, 1.0, 0.0, square, nothing > 0, nothing[None], (), peak, evidence, 0.0, nothing)
+
+    assert together([minimum(*part) for part in parts]) == pytest.approx(-2 * math.log(held), rel=1e-12)
 
 
 def test_damping_and_the_sensor_chain_are_no_hypotheses_of_a_table():

@@ -73,6 +73,7 @@ class Natural:
         return slope.movedim(0, -1)
 
     def _matrices(self, position: Tensor) -> tuple[Tensor, Tensor]:
-        system = self.model.system(self.model.space.to_si(position))
-        shape = (len(position), *system.stiffness.shape[-2:])
-        return system.stiffness.expand(shape), system.mass.expand(shape)
+        # With what hangs on springs: its motion is among the modes.
+        stiffness, mass = self.model.system(self.model.space.to_si(position)).undamped()
+        shape = (len(position), *stiffness.shape[-2:])
+        return stiffness.expand(shape), mass.expand(shape)

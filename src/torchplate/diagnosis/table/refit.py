@@ -4,9 +4,10 @@
 
 at each minimum û; minima add up, as do mirror images on a plate that is symmetric. S² is std² of what is known
 beforehand and 1 / 2π for a parameter that is as likely anywhere in its interval: then a parameter that the data fix
-costs the part of its interval that they leave, √(2π / A), and one that they do not see costs nothing. One whose
-minimum lies on a bound, or near it, costs the part of its likelihood that the interval cuts off. Source: Kass and
-Raftery, Bayes Factors, J. American Statistical Association 90 (1995) 773.
+costs the part of its interval that they leave, √(2π / A), and one that they do not see costs nothing; all minima
+together hold no more of the prior than there is. One whose minimum lies on a bound, or near it, costs the part of its
+likelihood that the interval cuts off. Source: Kass and Raftery, Bayes Factors, J. American Statistical Association 90
+(1995) 773.
 """
 
 import math
@@ -40,6 +41,7 @@ class Minimum:
         at_bound: which parameters sit on an end of their interval.
         images: positions of the same plate turned over, itself the first.
         turns: which ways of turning these are.
+        peak: −2 ln of the likelihood there, and of what is known beforehand.
         evidence: −2 ln Z of it and its images.
         n_effective: parameters that the data fix.
         predicted: natural frequencies [Hz].
@@ -52,6 +54,7 @@ class Minimum:
     at_bound: Bool[Tensor, " n"]
     images: Float[Tensor, "n_image n"]
     turns: tuple[int, ...]
+    peak: float
     evidence: float
     n_effective: float
     predicted: Float[Tensor, " n_mode"]
@@ -153,7 +156,7 @@ class Problem:
         off = self.evidence.residual(predicted)
         chi = float(off.square().sum())
         told = self.deviations(position)
-        cost = self.evidence.minus_two_log_likelihood(chi) + float(told.square().sum())
+        cost = peak = self.evidence.minus_two_log_likelihood(chi) + float(told.square().sum())
         kappa = self.evidence.kappa_square(chi)
         slope = self.natural.slope(position[None])[0] / self.evidence.std[:, None]
         information = slope.mT @ slope / kappa
@@ -175,9 +178,8 @@ class Problem:
             turns = self._turns(turned, predicted, precision)
         images = torch.stack([position, *(turned[k] for k in turns)])
         cost -= 2 * math.log(len(images))
-        return Minimum(
-            position, chi, float(told.square().sum()), precision, bound, images, turns, cost, n_effective, predicted
-        )
+        known = float(told.square().sum())
+        return Minimum(position, chi, known, precision, bound, images, turns, peak, cost, n_effective, predicted)
 
     def _turned(self, position: Tensor) -> list[Tensor]:
         """The position with all places mirrored in every way; on a square across the diagonal too."""
@@ -256,6 +258,12 @@ def _cut_off(position: Tensor, gradient: Tensor, precision: Tensor, before: Tens
 
 
 def together(minima: list[Minimum]) -> float:
-    """−2 ln of the sum of what the minima hold: ln Z is never above the best fit's likelihood."""
-    values = torch.tensor([-0.5 * one.evidence for one in minima], dtype=torch.float64)
-    return -2 * float(values.logsumexp(0))
+    """−2 ln of the sum of what the minima hold: Z is a mean of the likelihood over the prior, never above its peak.
+
+    What the data do not fix is as wide as its interval at each minimum: several of them would hold more of the prior
+    than there is, and share it instead.
+    """
+    held, part = torch.tensor(
+        [(-0.5 * one.evidence, -0.5 * (one.evidence - one.peak)) for one in minima], dtype=torch.float64
+    ).logsumexp(0)
+    return -2 * float(held - part.clamp(min=0.0))
