@@ -193,3 +193,6 @@ def test_an_objective_of_the_wrong_shape_is_refused_before_anything_is_sent(tmp_
 
 if __name__ == "__main__":
     worker(int(sys.argv[1]), Path(sys.argv[2]))
+    # All other references to the groups are gone, so their threads end here: one that still lets go of a tensor while
+    # the interpreter ends aborts the process.
+    dist.destroy_process_group()
