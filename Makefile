@@ -6,6 +6,9 @@ TORCH_BACKEND ?= cpu
 TORCH = 2.13.0
 VENV = .venv
 BIN = $(VENV)/bin
+INSTALL = $(BIN)/pip install -q --no-compile
+# By as many processes as there are cores, where pip takes one. What another Python is meant for does not compile here.
+COMPILE = @$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib >/dev/null || true
 
 .DEFAULT_GOAL = help
 .PHONY: help run diagnose test check audit docs paper blind real chairs load mutants clean
@@ -25,6 +28,8 @@ help:
 	@echo "make mutants   put faults into the code one at a time and count those that no test sees (half an hour)"
 	@echo "make clean     remove the virtual environment and caches"
 
+# Two searches run side by side, each with one thread: on matrices so small a second one waits more than it works.
+run: export OMP_NUM_THREADS = 1
 run: $(VENV)/.run
 	$(BIN)/python -m torchplate.studies.main_job
 
@@ -106,22 +111,25 @@ $(VENV)/.torch: constraints.txt
 	  echo "Expected Python 3.11 or newer, got $$($(PYTHON) --version 2>&1). Give one: make PYTHON=python3.11" >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV)
 	@case "$(TORCH_BACKEND)-$$(uname -s)" in \
-	  cpu-Linux) $(BIN)/pip install -q "torch==$(TORCH)+cpu" -c constraints.txt 2>$(VENV)/pip.log \
+	  cpu-Linux) $(INSTALL) "torch==$(TORCH)+cpu" -c constraints.txt 2>$(VENV)/pip.log \
 	    || { $(BIN)/pip install -q uv && $(BIN)/uv pip install -q --python $(BIN)/python --torch-backend cpu torch==$(TORCH); } \
 	    || { cat $(VENV)/pip.log >&2; echo "Expected a CPU build of torch $(TORCH), found none. Install it into $(VENV) by hand and run make again." >&2; exit 2; };; \
-	  cpu-*) $(BIN)/pip install -q torch==$(TORCH);; \
+	  cpu-*) $(INSTALL) torch==$(TORCH);; \
 	  *) $(BIN)/pip install -q uv && $(BIN)/uv pip install -q --python $(BIN)/python --torch-backend $(TORCH_BACKEND) torch==$(TORCH);; \
 	esac
 	@touch $@
 
 $(VENV)/.run: $(VENV)/.torch pyproject.toml
-	$(BIN)/pip install -q -e . -c constraints.txt
+	$(INSTALL) -e . -c constraints.txt
+	$(COMPILE)
 	@touch $@
 
 $(VENV)/.check: $(VENV)/.torch pyproject.toml
-	$(BIN)/pip install -q -e '.[test,check]' -c constraints.txt
+	$(INSTALL) -e '.[test,check]' -c constraints.txt
+	$(COMPILE)
 	@touch $@ $(VENV)/.run
 
 $(VENV)/.docs: $(VENV)/.check constraints.txt
-	$(BIN)/pip install -q -e '.[test,check,docs]' -c constraints.txt
+	$(INSTALL) -e '.[test,check,docs]' -c constraints.txt
+	$(COMPILE)
 	@touch $@

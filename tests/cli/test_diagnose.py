@@ -69,6 +69,28 @@ def diagnosed(tmp_path_factory, make_config) -> SimpleNamespace:
     return SimpleNamespace(found=found, content=content, folder=out, path=path, shown=console.file.getvalue())
 
 
+@pytest.mark.check
+def test_a_dead_channel_is_left_out_and_every_number_that_is_written_is_one(diagnosed, tmp_path, command):
+    measurement = Measurement.from_npz(diagnosed.folder.parents[1] / "plate.npz")
+    measurement.frf[:, 0, 1] = 0
+    measurement.to_npz(tmp_path / "plate.npz")
+    content = json.loads(diagnosed.path.read_text())
+    content["measurement"]["file"] = "plate.npz"
+    (tmp_path / "plate.yaml").write_text(json.dumps(content))
+    status, stdout, _ = command("diagnose", tmp_path / "plate.yaml", "--out", tmp_path / "out")
+    assert status == 0
+    assert "Left out 1 of 6 FRFs" in stdout
+    assert "4w/6w" in stdout
+
+    def no_number(word: str) -> None:
+        pytest.fail(f"{word} is no number of JSON")
+
+    for name in ("diagnosis.json", "hypotheses.json"):
+        json.loads((tmp_path / "out" / name).read_text(), parse_constant=no_number)
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert "point_mass" in [effect["name"] for effect in found["effects"]]
+
+
 NUMBER = (int, float)
 GAP = {"metric", "baseline", "final", "heldout_baseline", "heldout_final", "noise_floor", "expected"}
 
@@ -159,6 +181,7 @@ def test_gaps_are_those_of_the_model_that_is_handed_over(diagnosed):
     assert gap["noise_floor"] == pytest.approx(SHARE, rel=0.25)
 
 
+@pytest.mark.check
 def test_run_evaluates_the_model_that_is_handed_over(diagnosed, tmp_path, monkeypatch):
     monkeypatch.setattr("torchplate.report.run.png", lambda *_: b"")
     monkeypatch.setattr("torchplate.report.page._picture", lambda _: "")
@@ -170,6 +193,7 @@ def test_run_evaluates_the_model_that_is_handed_over(diagnosed, tmp_path, monkey
     assert result["parameters"] == {}
 
 
+@pytest.mark.check
 def test_a_model_that_is_handed_over_is_found_consistent(diagnosed, tmp_path):
     path = diagnosed.folder / "model.yaml"
     again = diagnose(path, tmp_path / "again", report=False, console=Console(file=StringIO()))

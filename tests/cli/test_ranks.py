@@ -14,6 +14,9 @@ from typing import Any
 import pytest
 import torch
 
+from torchplate.cli.machine.ranks import Ended, Ranks, join
+from torchplate.search import RankLost, ShardedObjective
+
 SEARCHED = ["plate.youngs_modulus", "wires.stiffness", "loss.stiffness_loss_factor"]
 # Two independent searches of 10: shares of 8 and 12 for two processes, of 4, 8 and 8 for three.
 CHANGES: dict[str, Any] = {"search.n_repeat": 2, "search.n_generation": 6, "search.tolerance": None}
@@ -30,9 +33,7 @@ class Launched:
             launcher = [sys.executable, "-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={size}"]
             self.commands, environments = [[*launcher, *command[1:]]], [environment]
         else:
-            with socket.socket() as free:
-                free.bind(("127.0.0.1", 0))
-                meet = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(free.getsockname()[1])}
+            meet = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": free_port()}
             numbers = [meet | {"RANK": str(rank), "WORLD_SIZE": str(size)} for rank in range(size)]
             self.commands, environments = [command] * size, [environment | number for number in numbers]
         self.processes = [
@@ -104,6 +105,52 @@ def test_two_processes_go_on_where_one_has_stopped_to_what_one_finds(bench, make
     assert "Traceback" not in err[0]
     assert "Warning" not in err[0]
     assert json.loads((bench.folder / "shared" / "versions.json").read_text())["n_process"] == 2
+
+
+def free_port() -> str:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return str(free.getsockname()[1])
+
+
+@pytest.fixture
+def alone(monkeypatch) -> Iterator[None]:
+    """A process that torchrun would have started as the only one."""
+    meet = {"RANK": "0", "WORLD_SIZE": "1", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": free_port()}
+    for name, value in meet.items():
+        monkeypatch.setenv(name, value)
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+def threads_of_groups() -> list[str]:
+    names = [(task / "comm").read_text().strip() for task in Path("/proc/self/task").iterdir()]
+    return [name for name in names if "gloo" in name]
+
+
+def failing(ranks: Ranks, error: type[BaseException]) -> None:
+    """A search that ends with an error, whose frames hold the group in several ways."""
+    group, objective = ranks.group, ShardedObjective(lambda position: position.sum(-1), ranks.group)
+    objective(torch.rand(5, 2, dtype=torch.float64))
+    try:
+        raise RuntimeError(f"of {group}")
+    except RuntimeError as reason:
+        raise error("Expected all ranks to answer.") from reason
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts the threads in /proc")
+@pytest.mark.parametrize(
+    ("error", "ends"), [(RankLost, Ended), (KeyboardInterrupt, KeyboardInterrupt), (ValueError, ValueError)]
+)
+@pytest.mark.usefixtures("alone")
+def test_no_thread_of_the_processes_lives_on_to_abort_the_interpreter_as_it_ends(error, ends):
+    with pytest.raises(ends, match="Expected all ranks to answer") as caught, join() as ranks:  # noqa: PT012
+        assert ranks is not None
+        assert threads_of_groups()
+        failing(ranks, error)
+    assert threads_of_groups() == []
+    assert caught.value.__traceback__ is not None
 
 
 def ranks_of(torchrun: int) -> Mapping[int, int]:

@@ -185,12 +185,14 @@ def test_what_lies_outside_the_band_moves_with_the_record(lab, place):
     assert fit.has_width.tolist() == [True, False]
 
 
+@pytest.mark.check
 def test_without_noise_next_to_none_is_found(lab):
     frf = lab.plate(8e-3).frf(lab.nobody, lab.lines(0.5), [3], lab.nodes[1:5])
     given, _ = measurement(lab, frf, torch.zeros_like(frf.real), seed=3)
     assert noise_level(given).floor < 2e-3
 
 
+@pytest.mark.check
 def test_what_was_not_measured_has_no_noise(lab):
     frf = lab.plate().frf(lab.nobody, lab.lines(1.0), lab.nodes[:2], lab.nodes[2:6])
     pairs = torch.ones(2, 4, dtype=torch.bool)

@@ -142,8 +142,8 @@ def averaged(frf, n_test, generator):
     ("noise", "kind", "n_average"),
     [
         (equal_noise, "relative_frf_norm", None),
-        (proportional_noise, "relative_frf_norm", None),
-        (averaged, "relative_frf_norm", N_AVERAGE),
+        pytest.param(proportional_noise, "relative_frf_norm", None, marks=pytest.mark.check),
+        pytest.param(averaged, "relative_frf_norm", N_AVERAGE, marks=pytest.mark.check),
         (averaged, "coherence_weighted", N_AVERAGE),
     ],
     ids=["equal", "proportional", "coherence", "coherence, weighed by it"],

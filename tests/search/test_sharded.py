@@ -1,6 +1,6 @@
 """Processes that share an objective: the same numbers as one, and a clear word when one is lost or has drifted.
 
-The processes are this file, run as a script; each leaves what it has seen in a file.
+The processes are this file, run as a script; each leaves what it has seen in a file. `make check` starts them.
 """
 
 import os
@@ -117,6 +117,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     return [torch.load(folder / f"{rank}.pt") for rank in range(SIZE - 1)]
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("dtype", DTYPES, ids=str)
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 @pytest.mark.parametrize("size", range(1, SIZE + 1))
@@ -130,6 +131,7 @@ def test_every_rank_has_the_fitness_that_one_process_finds(seen, size, shape, dt
         assert torch.equal(found, expected)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 @pytest.mark.parametrize("size", [1, 2])
 def test_each_candidate_is_evaluated_on_one_rank_alone(seen, size, shape):
@@ -139,6 +141,7 @@ def test_each_candidate_is_evaluated_on_one_rank_alone(seen, size, shape):
         assert min(len(share) for share in shares_of) > 0
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("name", OPTIMIZERS)
 @pytest.mark.parametrize("size", range(1, SIZE + 1))
 def test_every_search_ends_where_it_ends_alone(seen, size, name):
@@ -147,15 +150,18 @@ def test_every_search_ends_where_it_ends_alone(seen, size, name):
         assert torch.equal(seen[rank][f"search {size} {name}"], alone)
 
 
+@pytest.mark.check
 def test_ranks_that_differ_in_one_bit_are_told_on_every_rank(seen):
     for rank in range(SIZE - 1):
         assert "got others on rank 1 than on rank 0." in seen[rank]["differ"]
 
 
+@pytest.mark.check
 def test_a_rank_that_is_silent_is_lost(seen):
     assert "Expected all 3 ranks to answer, but one was lost or silent" in seen[0]["silent"]
 
 
+@pytest.mark.check
 def test_a_rank_that_has_ended_is_lost(seen):
     # Rank 1 may first miss rank 0, which goes when it has missed rank 2.
     for rank in range(SIZE - 1):
@@ -193,3 +199,6 @@ def test_an_objective_of_the_wrong_shape_is_refused_before_anything_is_sent(tmp_
 
 if __name__ == "__main__":
     worker(int(sys.argv[1]), Path(sys.argv[2]))
+    # All other references to the groups are gone, so their threads end here: one that still lets go of a tensor while
+    # the interpreter ends aborts the process.
+    dist.destroy_process_group()

@@ -51,6 +51,28 @@ def test_many_mutated_files_are_read_or_refused_in_one_sentence():
     fuzzed(MUTATIONS, 12)
 
 
+GREEDY = """
+import sys
+sys.path.insert(0, {folder!r})
+import fuzzing
+fuzzing.BATCH = 6
+fuzzing.readers = lambda _: [lambda _: bytearray({size}), lambda _: None]
+sys.argv = ["fuzzing.py", "--mutations", "1", "--only", "nodes.csv"]
+sys.exit(fuzzing.main())
+"""
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(("mebibytes", "status"), [(0, 0), (150, 0), (1100, 1)])
+def test_what_a_reading_takes_of_the_memory_is_seen(mebibytes, status):
+    script = GREEDY.format(folder=str(DRIVER.parent), size=mebibytes * 2**20)
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert ended.returncode == status, ended.stdout + ended.stderr
+    told = int(re.search(r"a reading takes (\d+) MiB at most", ended.stdout)[1])
+    # All readings of the batch take as much, each of it anew; the last asks for more than there is.
+    assert abs(told - mebibytes) <= 2 if status == 0 else "finding: MemoryError" in ended.stdout
+
+
 BOMBS = {
     "anchors of anchors": "a: &a [1,1,1,1,1,1,1,1,1]\n"
     + "".join(

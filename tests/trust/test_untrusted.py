@@ -39,6 +39,7 @@ BENCHMARK = {
     ("cli/verbs/bench.py", "subprocess.run"),
     ("studies/chairs.py", "subprocess.Popen"),
     ("studies/load.py", "subprocess.run"),
+    ("studies/main_job.py", "subprocess.Popen"),
 }
 
 

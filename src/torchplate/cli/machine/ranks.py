@@ -9,6 +9,7 @@ import io
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import timedelta
@@ -108,6 +109,22 @@ class Ranks:
         self.shared = shared
         return shared.job
 
+    def leave(self, error: BaseException | None) -> None:
+        """Part from the others, and wait until gloo's threads have ended.
+
+        A thread of a group lets go of the last message, whose tensors are Python's, a moment after the main thread goes
+        on. If the interpreter ends within that moment, C++ aborts the process ("terminate called without an active
+        exception"). A group's threads end with the last reference to it, and the frames of an error hold one too.
+
+        Args:
+            error: what ends this process, if anything; its frames let go of what they hold.
+        """
+        while error is not None:
+            traceback.clear_frames(error.__traceback__)
+            error = error.__cause__ or error.__context__
+        del self.group
+        dist.destroy_process_group()
+
     def first_to_say(self) -> bool:
         """Whether no other rank has said yet what happened."""
         try:
@@ -171,7 +188,7 @@ def join(device: str = "cpu", timeout: timedelta = TIMEOUT) -> Iterator[Ranks | 
             # If one of them is gone already, there is no more to say to the others.
             with suppress(RuntimeError):
                 ranks.dismiss(status)
-        dist.destroy_process_group()
+        ranks.leave(sys.exception())
 
 
 def _terminated(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
