@@ -228,6 +228,6 @@ def _cell(text: str, head: str, number: int, path: Path) -> complex:
         return complex(with_point(text.replace(" ", "")).lower().replace("i", "j"))
     except ValueError:
         raise MeasurementError(
-            f"{path}: expected a number under '{plain(head[:60])}' in line {number}, got '{plain(text[:60])}'. Write it "
-            "as 1.2, complex as 1.2+0.3j."
+            f"{path}: expected a number under '{plain(head[:60])}' in line {number}, got '{plain(text[:60])}'. Write "
+            "it as 1.2, complex as 1.2+0.3j."
         ) from None

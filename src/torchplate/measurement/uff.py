@@ -83,8 +83,9 @@ def _complex(frfs: list[Record], path: Path, notes: list[str]) -> None:
     if halves:
         missing = "imaginary" if halves[0].value.real.any() else "real"
         notes.append(
-            f"Of {len(frfs)} FRFs {len(halves)} have no {missing} part, the first {halves[0].label}: an amplitude or one "
-            "part alone? Those of a damped model have both: export real and imaginary parts (ordinate data type 5 or 6)."
+            f"Of {len(frfs)} FRFs {len(halves)} have no {missing} part, the first {halves[0].label}: an amplitude or "
+            "one part alone? Those of a damped model have both: export real and imaginary parts (ordinate data type 5 "
+            "or 6)."
         )
 
 
