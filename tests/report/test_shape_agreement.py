@@ -140,3 +140,13 @@ def test_a_model_with_the_measured_modes_has_a_ridge_of_ones(model):
     modal = ModalModel(true.frequency[3:9], ratio, true.shape[3:9], tuple(map(Channel, NODES)))
     criterion = modal_fdac(shapes_of(ModalEvidence.of(model, modal), model, model.known.new_zeros(0)))
     torch.testing.assert_close(criterion.value.diagonal(), torch.ones(200).double(), rtol=0, atol=1e-9)
+
+
+def test_a_point_without_a_node_is_called_by_its_place(model):
+    places = model.mesh.places(NODES)
+    true = modes_at(model, model.known.new_zeros(0), places, 10)
+    points = tuple(Channel(0, "w", (0.41 * x, 0.29 * y, 0.0)) for x, y in places.tolist())
+    modal = ModalModel(true.frequency[3:9], torch.full((6,), 0.01).double(), true.shape[3:9], points)
+    found = shapes_of(ModalEvidence.of(model, modal), model, model.known.new_zeros(0))
+    assert found.label[1] == "(0.137, 0)"
+    assert "0w" not in agreement(found)["fdac"][0].caption + agreement(found)["comac"][0].told

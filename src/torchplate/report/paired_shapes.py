@@ -7,6 +7,7 @@ from jaxtyping import Float, Num
 from torch import Tensor
 
 from torchplate.discrepancy import ModalEvidence, comac, mac
+from torchplate.measurement import Channel
 from torchplate.model import PlateModel
 
 
@@ -62,8 +63,15 @@ def shapes_of(modal: ModalEvidence, model: PlateModel, theta: Float[Tensor, " n_
         modal.modal.shape.cpu()[order],
         paired.shape.cpu()[order].to(modal.modal.shape.real.dtype),
         modal.place.cpu(),
-        tuple(point.label for point in modal.modal.point),
+        tuple(_label(point) for point in modal.modal.point),
         (model.mesh.length_x, model.mesh.length_y),
         tuple(paired.frequency.cpu()[order].tolist()),
         tuple(modal.modal.damping_ratio.cpu()[order].tolist()),
     )
+
+
+def _label(point: Channel) -> str:
+    """A point's node, or its place [m] where the table names none."""
+    if point.node or point.coordinate is None:
+        return point.label
+    return f"({point.coordinate[0]:.3g}, {point.coordinate[1]:.3g})"
