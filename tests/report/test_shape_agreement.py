@@ -149,4 +149,5 @@ def test_a_point_without_a_node_is_called_by_its_place(model):
     modal = ModalModel(true.frequency[3:9], torch.full((6,), 0.01).double(), true.shape[3:9], points)
     found = shapes_of(ModalEvidence.of(model, modal), model, model.known.new_zeros(0))
     assert found.label[1] == "(0.137, 0)"
+    assert all(text.get_text() == "1.00" for text in comac_figure(found).axes[0].texts)
     assert "0w" not in agreement(found)["fdac"][0].caption + agreement(found)["comac"][0].told

@@ -103,8 +103,10 @@ def comac_figure(shapes: Shapes, narrow: bool = False) -> Figure:
     drawn.set_edgecolor(INK)
     drawn.set_linewidth(0.6)
     for point in _worst(shapes):
+        # A point that is called by its place is where it says, and has no room for that.
+        name = "" if shapes.label[point].startswith("(") else f"{shapes.label[point]}: "
         axis.annotate(
-            f"{shapes.label[point]}: {1 - lacks[point]:.2f}",
+            f"{name}{1 - lacks[point]:.2f}",
             place[point],
             xytext=(5, 5),
             textcoords="offset points",
