@@ -54,5 +54,27 @@ def test_every_figure_and_page_it_links_to_is_there():
 def test_it_is_short_and_its_lines_fit_a_screen():
     lines = README.splitlines()
     assert len(lines) <= 150
-    # A row of a table cannot be broken.
-    assert not [line for line in lines if len(line) > 126 and not line.startswith("|")]
+    assert not [line for line in lines if len(line) > 126]
+
+
+def rate(table: str, what: str) -> tuple[int, int]:
+    """How many of how many, of a row of a committed table of the benchmark."""
+    row = next(line for line in (ROOT / "runs/blind" / table).read_text().splitlines() if line.startswith(f"| {what}"))
+    n, of = (int(cell) for cell in row.split("|")[2:4])
+    return n, of
+
+
+def test_the_rates_are_those_of_the_tables_that_it_links_to():
+    text = " ".join(README.split())
+    right, false = "one effect, named right", "a false name, all but beyond"
+    silent = "nothing hidden, called consistent"
+    parts = [rate("I/table.md", what) for what in (right, silent, "two effects, both right")]
+    assert all(n == of for n, of in parts)
+    assert (sum(of for _, of in parts), rate("I/table.md", false)) == (16, (0, 16))
+    assert "all of [16 clean cases](runs/blind/I/table.md) right, two effects at once too" in text
+    (n, of), (named, every) = rate("tables/V/table.md", right), rate("tables/V/table.md", false)
+    assert (
+        f"of [{every} tables](runs/blind/tables/V/table.md) {n} of {of} detectable effects, and {named} false" in text
+    )
+    (n, of), (kept, still), (named, _) = (rate("workshop/Y/table.md", what) for what in (right, silent, false))
+    assert f"{n} of {of} single effects, {kept} of {still} with nothing hidden, and {named} false name" in text

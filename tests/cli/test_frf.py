@@ -39,6 +39,8 @@ def test_wav_recordings_become_frfs_with_coherence(records, tmp_path, command):
     status, text, error = command("frf", *records, "--response", 7, 2, "--scale", FULL, FULL, "--out", out)
     assert (status, error) == (0, "")
     assert "4 FRFs (accelerance, H1) from 2 recordings" in text
+    assert "last number in the files' names: 12 (plate_12.wav), 7 (plate_7.wav)" in text
+    assert "'channel 1', of 3, has the shortest pulses and was taken" in text
     assert "plate_12.wav, hit 2: the hammer hit twice" in text
     assert f"torchplate new {out} --nodes nodes.csv" in text
     measurement = read_measurement(out)
@@ -54,6 +56,34 @@ def test_wav_recordings_become_frfs_with_coherence(records, tmp_path, command):
     found = measurement.frf[:, 0, 0].numpy()
     # The sampled impulse response is aliased, and the first hit still rings a little when the second falls.
     assert np.linalg.norm((found - expected)[band]) < 0.03 * np.linalg.norm(expected[band])
+
+
+def test_the_written_frfs_are_within_a_thousandth_of_those_of_pyfrf(tmp_path, command):
+    from pyFRF import FRF
+
+    hits = [made.hit(12, n=4096, noise=0.004, seed=i, peak=30.0 + 4 * i) for i in range(4)]
+    paths = []
+    for number, hit in enumerate(hits):
+        paths.append(tmp_path / f"hit_{number}.npz")
+        np.savez(paths[-1], force=hit[0], response=hit[1:], fs=made.RATE)
+    out = tmp_path / "plate.uff"
+    options = ("--response", 7, 2, "--reference", 12, "--pre-trigger", 60 / made.RATE, "--keep-all", "--out", out)
+    assert command("frf", *paths, *options)[0] == 0
+    found = read_measurement(out)
+    # The records are whole, from sample 0: pyFRF gets them as they are, and leaves spectra as they are for "d".
+    force, response = np.stack([hit[0] for hit in hits])[:, None], np.stack([hit[1:] for hit in hits])
+    theirs = FRF(int(made.RATE), force, response, resp_type="d", frf_estimator="H1")
+    n_line = len(found.frequency)
+    expected = theirs.get_FRF()[:, 0].T[:n_line]
+    # Responses are sorted by node: 2 before 7.
+    ours = found.frf[:, :, 0].numpy()[:, ::-1]
+    strong = np.abs(expected) > 0.01 * np.abs(expected).max()
+    # At 0 Hz pyFRF writes what it extrapolates.
+    strong[0] = False
+    np.testing.assert_allclose(ours[strong], expected[strong], rtol=1e-3)
+    assert found.coherence is not None
+    coherence = found.coherence[:, :, 0].numpy()[:, ::-1]
+    np.testing.assert_allclose(coherence[strong], theirs.get_coherence().T[:n_line][strong], rtol=1e-3)
 
 
 def test_an_archive_is_written_where_the_name_asks_for_one(records, tmp_path, command):

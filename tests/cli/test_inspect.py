@@ -102,6 +102,15 @@ def test_a_dead_channel_can_be_drawn(tmp_path):
     assert "5w/2w: dead" in text
 
 
+def test_the_command_stands_whole_in_a_line_of_its_own(tmp_path):
+    path = tmp_path / "plate of march.uff"
+    write_uff(three_channels(), path)
+    screen = StringIO()
+    inspect(path, tmp_path / "seen", Console(file=screen, width=60))
+    lines = [line for line in screen.getvalue().splitlines() if line.startswith("Next:")]
+    assert lines == [f"Next: torchplate new '{path}'"]
+
+
 def test_the_default_folder_is_runs_inspect(tmp_path, monkeypatch):
     write_uff(three_channels(), tmp_path / "strip.uff")
     monkeypatch.chdir(tmp_path)

@@ -122,7 +122,10 @@ MISTAKES = {
     ),
     "band in kHz": Mistake(REFUSED, ["measurement.band", "2 to 400 Hz"], {"measurement.band": [0.008, 0.4]}),
     "coordinates in mm": Mistake(
-        REFUSED, ["measurement.file", "millimetres", "dataset 164"], UFF, uff(lambda content: content, places=1e3)
+        REFUSED,
+        ["measurement.file", "millimetres", "measurement.frame: {unit: mm}", "dataset 164"],
+        UFF,
+        uff(lambda content: content, places=1e3),
     ),
     # Files
     "table instead of FRFs": Mistake(

@@ -63,7 +63,7 @@ def test_run_takes_a_modal_model_and_shows_its_pairs(bench, modes_file, command)
     told = (bench.folder / "out" / "report.md").read_text()
     for words in ("MAC of the 6 measured modes", "AutoMAC of the measured modes", "COMAC of 18 points"):
         assert words in told
-    assert {path.name for path in (bench.folder / "out").glob("*mac.png")} == {"mac.png", "comac.png"}
+    assert {path.name for path in (bench.folder / "out").glob("*ac.png")} == {"mac.png", "comac.png", "fdac.png"}
 
 
 def test_a_modal_model_counts_beside_frfs(bench, make_config, modes_file):

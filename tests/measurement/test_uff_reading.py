@@ -348,3 +348,92 @@ def test_a_channel_without_direction_counts_as_out_of_the_plate_and_says_so(reco
     measurement = read_measurement(path)
     assert measurement.response[0].label == "4w"
     assert any("direction 0" in note for note in measurement.notes)
+
+
+@pytest.mark.parametrize(
+    ("label", "factor"),
+    [("Hz", 1.0), ("", 1.0), ("kHz", 1e3), ("rad/s", 1 / (2 * np.pi)), ("rpm", 1 / 60), ("RPM", 1 / 60)],
+)
+def test_lines_come_in_hertz_whatever_the_axis_counts(label, factor, record_58, tmp_path):
+    path = tmp_path / "axis.uff"
+    values = text_lines([VALUES.real, VALUES.imag], [SINGLE, SINGLE], 3)
+    path.write_bytes(
+        record_58(values, n_point=5, ordinate_type=5).replace(f"{'Hz':20s}".encode(), f"{label:20s}".encode())
+    )
+    measurement = read_measurement(path)
+    np.testing.assert_allclose(measurement.frequency.numpy(), factor * LINES, rtol=1e-12)
+    assert measurement.notes == ()
+
+
+def test_an_axis_of_unknown_unit_is_named(record_58, tmp_path):
+    path = tmp_path / "axis.uff"
+    values = text_lines([VALUES.real, VALUES.imag], [SINGLE, SINGLE], 3)
+    path.write_bytes(
+        record_58(values, n_point=5, ordinate_type=5).replace(f"{'Hz':20s}".encode(), f"{'order':20s}".encode())
+    )
+    assert "'order' of the frequency axis is not known; taken as Hz" in read_measurement(path).notes[0]
+
+
+@pytest.mark.parametrize(
+    ("parts", "ordinate_type", "label", "words"),
+    [
+        ([np.abs(VALUES)], 2, "m/s2", "amplitudes without a phase"),
+        ([20 * np.log10(np.abs(VALUES))], 4, "dB", "levels in dB"),
+    ],
+)
+def test_a_part_of_an_frf_is_refused(parts, ordinate_type, label, words, record_58, tmp_path):
+    path = tmp_path / "part.uff"
+    form, per_line = (DOUBLE, 4) if ordinate_type == 4 else (SINGLE, 6 // len(parts))
+    lines = text_lines(parts, [form] * len(parts), per_line)
+    path.write_bytes(record_58(lines, n_point=5, ordinate_type=ordinate_type, numerator=(12, label)))
+    with pytest.raises(MeasurementError, match=words):
+        read_measurement(path)
+
+
+@pytest.mark.parametrize(
+    ("parts", "ordinate_type", "missing"),
+    [
+        ([VALUES.real], 2, "imaginary"),
+        ([np.abs(VALUES), 0 * VALUES.real], 5, "imaginary"),
+        ([0 * VALUES.real, VALUES.imag], 5, "real"),
+    ],
+)
+def test_an_frf_of_one_part_is_named(parts, ordinate_type, missing, record_58, tmp_path):
+    path = tmp_path / "real.uff"
+    lines = text_lines(parts, [SINGLE] * len(parts), 6 // len(parts))
+    path.write_bytes(record_58(lines, n_point=5, ordinate_type=ordinate_type))
+    assert f"Of 1 FRFs 1 have no {missing} part, the first record 1 (4w/9w)" in read_measurement(path).notes[0]
+
+
+@pytest.mark.parametrize(
+    ("numerator", "denominator", "factor"),
+    [
+        ("g/N", "", 9.80665),
+        ("(m/s^2)/N", "NONE", 1.0),
+        ("mm/s2/lbf", "", 1e-3 / 4.4482216152605),
+        ("g's", "N", 9.80665),
+    ],
+)
+def test_one_label_may_hold_motion_and_force(numerator, denominator, factor, record_58, tmp_path):
+    path = tmp_path / "label.uff"
+    values = text_lines([VALUES.real, VALUES.imag], [SINGLE, SINGLE], 3)
+    path.write_bytes(
+        record_58(values, n_point=5, ordinate_type=5, numerator=(12, numerator), denominator=(13, denominator))
+    )
+    measurement = read_measurement(path)
+    np.testing.assert_allclose(measurement.frf[:, 0, 0].numpy(), factor * VALUES, rtol=SIX_DIGITS)
+    assert measurement.notes == ()
+
+
+def test_nodes_in_coordinate_systems_of_their_own_are_named(record_58, tmp_path):
+    systems = "    -1\n    18\n         7         0         0         8         1\nSYS7\n"
+    systems += (
+        "".join(f"{0.0:13.5E}" for _ in range(6)) + "\n" + "".join(f"{0.0:13.5E}" for _ in range(3)) + "\n    -1\n"
+    )
+    nodes = "    -1\n    15\n"
+    for label, system in ((4, 7), (9, 0)):
+        nodes += f"{label:10d}{system:10d}{0:10d}{8:10d}{0.1 * label:13.5E}{0.2:13.5E}{0.0:13.5E}\n"
+    values = text_lines([VALUES.real, VALUES.imag], [SINGLE, SINGLE], 3)
+    path = tmp_path / "systems.uff"
+    path.write_bytes((systems + nodes + "    -1\n").encode() + record_58(values, n_point=5, ordinate_type=5))
+    assert "The file gives 1 node in a coordinate system of its own" in read_measurement(path).notes[0]

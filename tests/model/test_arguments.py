@@ -71,10 +71,11 @@ def test_called_it_is_frf(model, expected) -> None:
     ],
 )
 def test_called_without_lines_it_says_what_to_write(model, given, words) -> None:
-    with pytest.raises(ValueError, match=r"^Expected ") as told:
-        model(*given)
-    assert all(word in str(told.value) for word in words), told.value
-    assert "\n" not in str(told.value)
+    for call in (model, model.frf):
+        with pytest.raises(ValueError, match=r"^Expected ") as told:
+            call(*given)
+        assert all(word in str(told.value) for word in words), told.value
+        assert "\n" not in str(told.value)
 
 
 @pytest.mark.parametrize("response", [3, np.int64(3), [np.int64(3)], np.array([3]), torch.tensor([3]), torch.tensor(3)])

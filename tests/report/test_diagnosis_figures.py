@@ -207,6 +207,18 @@ class TestFigures:
         assert axis.get_aspect() == 1.0
         assert "x 0.213 ± 0.011, y 0.64 ± 0.023" in axis.figure.legends[0].get_texts()[3].get_text()
 
+    def test_the_legend_of_the_map_stays_within_its_picture(self):
+        wide = {"x": Estimate(0.33351, 0.00658, "-"), "y": Estimate(0.52284, 0.0305, "-")}
+        # With four of them each column of two would hold a long one.
+        effects = tuple(replace(NAMED, name="ground_dashpot", parameters=MASS | wide) for _ in range(4))
+        figure = figures(replace(diagnosis(), effects=effects))["map"]
+        figure.draw_without_rendering()
+        box = figure.legends[0].get_window_extent()
+        assert figure.bbox.x0 <= box.x0
+        assert box.x1 <= figure.bbox.x1
+        texts = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert "ground_dashpot: x 0.3335 ± 0.0066, y 0.523 ± 0.03 of the sides" in texts
+
     def test_a_place_whose_error_is_not_seen_has_no_ellipse(self):
         unseen = MASS | {"y": Estimate(0.64, None, "-")}
         axis = figures(replace(diagnosis(), effects=(replace(NAMED, parameters=unseen),)))["map"].axes[0]

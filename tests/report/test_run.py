@@ -169,6 +169,16 @@ class TestFigures:
         for figure in (frf_figure(drawn, pairs, narrow=True), convergence(HISTORY, "x", narrow=True)):
             assert figure.get_figwidth() <= NARROW
 
+    @pytest.mark.parametrize(("best", "scale"), [([8.31e-3, 8.08e-3, 8.07e-3], "linear"), ([0.4, 0.02, 0.013], "log")])
+    def test_the_ticks_of_the_convergence_are_told_apart(self, best, scale):
+        figure = convergence({"a": Convergence(np.array([[5.0, 10.0, 15.0]]), np.array([best]))}, "gap")
+        figure.draw_without_rendering()
+        axis = figure.axes[0]
+        assert axis.get_yscale() == scale
+        labels = [text.get_text() for text in axis.get_yticklabels() if text.get_text()]
+        assert len(labels) > 1
+        assert len(set(labels)) == len(labels)
+
     def test_convergence_is_the_median_with_quartiles_where_seeds_repeat(self):
         best = np.array([[9.0, 4.0], [8.0, 2.0], [7.0, 1.0]])
         left, right = convergence({"a": Convergence(np.array(3 * [[5.0, 10.0]]), best)}, "gap").axes

@@ -9,7 +9,9 @@ from torchplate.measurement import Channel, ModalModel
 from torchplate.model import PlateModel, modes_at
 from torchplate.plate import Mesh
 from torchplate.report.drawing import svg
-from torchplate.report.shape_agreement import agreement, comac_figure, mac_figure, shapes_of
+from torchplate.report.modal_fdac import fdac_figure, modal_fdac
+from torchplate.report.paired_shapes import shapes_of
+from torchplate.report.shape_agreement import agreement, comac_figure, mac_figure
 
 NODES = [1, 3, 5, 11, 13, 15, 17, 19, 21, 23, 25, 29, 31, 33, 35]
 WRONG = 4
@@ -75,7 +77,7 @@ def test_two_shapes_that_the_points_do_not_part_are_said(model, shapes):
 
 def test_the_pictures_are_drawn_for_a_page_and_say_what_they_show(shapes):
     found = agreement(shapes)
-    assert list(found) == ["mac", "comac"]
+    assert list(found) == ["mac", "comac", "fdac"]
     for name, (picture, figure) in found.items():
         assert picture.name == name
         assert figure.axes
@@ -89,4 +91,63 @@ def test_a_single_mode_has_no_other_to_be_told_from(shapes):
     alone = shapes._replace(
         number=shapes.number[:1], hertz=shapes.hertz[:1], measured=shapes.measured[:1], model=shapes.model[:1]
     )
-    assert "one measured mode" in agreement(alone)["mac"][0].told
+    found = agreement(alone)
+    assert "one measured mode" in found["mac"][0].told
+    # At every frequency it is the same shape: there is nothing to compare between lines.
+    assert "fdac" not in found
+
+
+def test_each_value_of_the_fdac_is_the_likeness_of_two_operating_shapes(shapes):
+    low = shapes._replace(model_hertz=tuple(0.94 * f for f in shapes.hertz), damping_ratio=(0.004,) * 6)
+    found = modal_fdac(low)
+    row, column = 31, 140
+    scaled = shapes.measured * (shapes.measured * shapes.model).sum(-1, keepdim=True)
+    scaled = scaled / shapes.measured.square().sum(-1, keepdim=True)
+    operating = []
+    for shape, hertzs, line in ((shapes.model, low.model_hertz, row), (scaled, low.hertz, column)):
+        f = float(found.frequency[line])
+        parts = [
+            s[found.point] * s / complex(f_r**2 - f**2, 2 * 0.004 * f_r * f)
+            for s, f_r in zip(shape.numpy(), hertzs, strict=True)
+        ]
+        operating.append(sum(parts))
+    a, e = operating
+    expected = abs((a.conj() * e).sum()) ** 2 / ((abs(a) ** 2).sum() * (abs(e) ** 2).sum())
+    # Sums of six terms in float64, in another order.
+    assert float(found.value[row, column]) == pytest.approx(expected, rel=1e-9)
+    assert float(found.frequency[0]) == pytest.approx(0.9 * 0.94 * low.hertz[0])
+    assert float(found.frequency[-1]) == pytest.approx(1.1 * low.hertz[-1])
+
+
+def test_a_model_that_is_too_soft_has_its_ridge_below_the_diagonal(shapes):
+    low = shapes._replace(model_hertz=tuple(0.94 * f for f in shapes.hertz))
+    criterion = modal_fdac(low)
+    line = criterion.frequency
+    for hertz in low.hertz:
+        measured, model, same = (int((line - f).abs().argmin()) for f in (hertz, 0.94 * hertz, hertz))
+        assert float(criterion.value[model, measured]) > 0.55
+        assert model < same
+    mesh = next(one for one in fdac_figure(criterion).axes[0].collections if one.get_array() is not None)
+    torch.testing.assert_close(torch.as_tensor(mesh.get_array().data), criterion.value)
+    assert "a force at" in agreement(low)["fdac"][0].caption
+    assert "0.01 where no damping was measured" in agreement(low)["fdac"][0].caption
+
+
+def test_a_model_with_the_measured_modes_has_a_ridge_of_ones(model):
+    places = model.mesh.places(NODES)
+    true = modes_at(model, model.known.new_zeros(0), places, 10)
+    ratio = torch.full((6,), 0.01).double()
+    modal = ModalModel(true.frequency[3:9], ratio, true.shape[3:9], tuple(map(Channel, NODES)))
+    criterion = modal_fdac(shapes_of(ModalEvidence.of(model, modal), model, model.known.new_zeros(0)))
+    torch.testing.assert_close(criterion.value.diagonal(), torch.ones(200).double(), rtol=0, atol=1e-9)
+
+
+def test_a_point_without_a_node_is_called_by_its_place(model):
+    places = model.mesh.places(NODES)
+    true = modes_at(model, model.known.new_zeros(0), places, 10)
+    points = tuple(Channel(0, "w", (0.41 * x, 0.29 * y, 0.0)) for x, y in places.tolist())
+    modal = ModalModel(true.frequency[3:9], torch.full((6,), 0.01).double(), true.shape[3:9], points)
+    found = shapes_of(ModalEvidence.of(model, modal), model, model.known.new_zeros(0))
+    assert found.label[1] == "(0.137, 0)"
+    assert all(text.get_text() == "1.00" for text in comac_figure(found).axes[0].texts)
+    assert "0w" not in agreement(found)["fdac"][0].caption + agreement(found)["comac"][0].told

@@ -24,6 +24,7 @@ Map:
     plausibility: whether a model and a measurement can belong together: frequencies, kind and level
     recording: time records of hits, cut and checked
     record_files: time records from files of any kind, with the nodes that belong to them
+    text_table: cells, units and numbers of a table that is text
     record_tables: tables of channels from WAV, MAT, NPZ, CSV and LVM files
     mat_elements: what a MAT file holds, walked before SciPy reads it
     estimate: FRFs and coherence from cut hits

@@ -76,7 +76,8 @@ def _measurement(
     frf = np.zeros(shape, dtype=np.complex128)
     coherence = np.full(shape, np.nan)
     measured = np.zeros(shape[1:], dtype=bool)
-    notes, places = [], {}
+    notes = list(dict.fromkeys(note for own in hits.values() for note in own.recording.notes))
+    places = {}
     motions = {own.recording.motion or "acceleration" for own in hits.values()}
     if len(motions) > 1:
         named = " and ".join(sorted(motions))

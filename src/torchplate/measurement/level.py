@@ -4,6 +4,7 @@ Source: Universal File Format, dataset 58, records 9 and 10 (specific data type,
 dataset 164 (units), University of Cincinnati SDRL.
 """
 
+import math
 import re
 from typing import Final, NamedTuple
 
@@ -24,10 +25,19 @@ _LENGTH: Final = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "f
 _TO_SI: Final[dict[str, dict[str, float]]] = {
     "displacement": _LENGTH,
     "velocity": {f"{name}/s": factor for name, factor in _LENGTH.items()},
-    "acceleration": {f"{name}/s2": factor for name, factor in _LENGTH.items()} | {"g": 9.80665, "gn": 9.80665},
-    "force": {"n": 1.0, "kn": 1e3, "lbf": 4.4482216152605, "lb": 4.4482216152605, "kgf": 9.80665},
+    "acceleration": {f"{name}/s2": factor for name, factor in _LENGTH.items()}
+    | dict.fromkeys(("g", "gn", "g's"), 9.80665),
+    "force": dict.fromkeys(("n", "newton", "newtons"), 1.0)
+    | {"kn": 1e3, "lbf": 4.4482216152605, "lb": 4.4482216152605, "kgf": 9.80665},
 }
-
+_SECOND: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+_HERTZ: Final = (
+    {"hz": 1.0, "khz": 1e3, "1/s": 1.0, "cps": 1.0}
+    | dict.fromkeys(("rad/s", "rad/s.", "radians/s"), 1 / (2 * math.pi))
+    | dict.fromkeys(("rpm", "cpm", "1/min"), 1 / 60)
+)
+_OTHER: Final = {"", "-", "v", "mv", "pa", "um/m", "counts", "eu"}
+"""What else stands in a row of units."""
 
 UNIT_OF_KIND: Final[dict[str, Kind]] = {
     r"/s[2\ufffd]|(^|[^a-z])gn?([^a-z]|$)": "accelerance",
@@ -96,6 +106,7 @@ def factor_to_si(kind: Kind, numerator_label: str, denominator_label: str, units
         stated = f"{numerator_label or 'none'} over {denominator_label or 'none'}"
         return 1.0, f"A transmissibility has no unit; the file's labels ({stated}) were not applied."
     factor, strange = 1.0, []
+    numerator_label, denominator_label = _parted(kind, numerator_label, denominator_label)
     sides = (
         (MOTION_OF_KIND[kind], numerator_label, 1.0 / units.length),
         ("force", denominator_label, 1.0 / units.force),
@@ -109,6 +120,36 @@ def factor_to_si(kind: Kind, numerator_label: str, denominator_label: str, units
         factor *= found**sign
     note = f"The unit label {' and '.join(strange)} is not known; the level was taken as SI." if strange else None
     return factor, note
+
+
+def _parted(kind: Kind, numerator: str, denominator: str) -> tuple[str, str]:
+    """Labels of motion and force where one of them holds both, as in "g/N" or "(m/s^2)/N"."""
+    if to_si(MOTION_OF_KIND[kind], numerator) is not None:
+        return numerator, denominator
+    motion, slash, force = numerator.strip().rpartition("/")
+    if not slash or to_si(MOTION_OF_KIND[kind], motion) is None or to_si("force", force) is None:
+        return numerator, denominator
+    return motion, force
+
+
+def second_of(label: str) -> float | None:
+    """Factor from a unit's label to seconds; None where the label is not known."""
+    return _SECOND.get(_plain(label))
+
+
+def hertz_of(label: str) -> float | None:
+    """Factor from the unit's label of a frequency axis to Hz, 1 for none; None where the label is not known."""
+    return 1.0 if not _plain(label) else _HERTZ.get(_plain(label))
+
+
+def is_unit(label: str) -> bool:
+    """Whether a cell of a table is the unit of its column."""
+    return _plain(label) in _OTHER or second_of(label) is not None or quantity_of(label) is not None
+
+
+def quantity_of(label: str) -> str | None:
+    """The quantity a unit's label is of, "displacement", "velocity", "acceleration" or "force"; None for another."""
+    return next((quantity for quantity in _TO_SI if to_si(quantity, label) is not None), None) if label else None
 
 
 def to_si(quantity: str, label: str) -> float | None:
@@ -125,5 +166,5 @@ def to_si(quantity: str, label: str) -> float | None:
 
 def _plain(label: str) -> str:
     text = label.strip().lower().replace(" ", "").replace("^", "").replace("²", "2").replace("µ", "u")
-    text = text.replace("sec", "s").replace("s**2", "s2").replace("/s/s", "/s2").strip("()[]")
-    return "" if text == "none" else text
+    text = text.replace("seconds", "s").replace("sec", "s").replace("s**2", "s2").replace("/s/s", "/s2").strip("()[]")
+    return "" if text in ("none", "null", "nounit") else text

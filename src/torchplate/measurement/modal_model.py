@@ -17,7 +17,9 @@ import torch
 from jaxtyping import Float, Num
 from torch import Tensor
 
+from torchplate.measurement.archive import plain
 from torchplate.measurement.measurement import Channel, MeasurementError
+from torchplate.measurement.text_table import lines_of, with_point
 
 HEAD: Final = ("mode", "frequency_hz", "damping_ratio")
 EXAMPLE: Final = f"Write the columns {', '.join(HEAD)}, then one for each node, such as 1, 2, 3"
@@ -150,8 +152,7 @@ class ModalModel:
 def is_modal_table(path: Path) -> bool:
     """Whether a file begins as a table of modes does; its cells may still be wrong."""
     try:
-        with path.open(encoding="utf-8-sig", errors="replace") as file:
-            first = next((line for line in file if line.strip() and not line.startswith("#")), "")
+        first = next((line for line in lines_of(path) if line.strip() and not line.startswith("#")), "")
     except OSError:
         return False
     return tuple(cell.strip().lower() for cell in re.split(r"[,;\t]", first)[: len(HEAD)]) == HEAD
@@ -164,12 +165,12 @@ def read_modal_table(path: Path) -> ModalModel:
         MeasurementError: The file is absent, lacks a column, or holds a cell that is no number.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = lines_of(path)
+    except OSError as error:
         raise MeasurementError(
             f"{path}: expected a table of modes (.csv), got none that can be read. Check the path."
         ) from error
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    lines = [line for line in text if line.strip() and not line.startswith("#")]
     first = lines[0] if lines else ""
     mark = ";" if ";" in first else "\t" if "\t" in first else ","
     rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=mark, skipinitialspace=True)]
@@ -214,7 +215,7 @@ def _point(head: str, path: Path) -> Channel:
     except ValueError:
         raise MeasurementError(
             f'{path}: expected a node\'s label or a place "x,y" [m] as head of a column of deflections, got '
-            f"'{head[:60]}'. "
+            f"'{plain(head[:60])}'. "
             'Write 12, or "0.1,0.2" in quotes.'
         ) from None
     return Channel(0, coordinate=(x, y, 0.0))
@@ -224,9 +225,9 @@ def _cell(text: str, head: str, number: int, path: Path) -> complex:
     if not text and head.lower() == HEAD[2]:
         return complex(math.nan)
     try:
-        return complex(text.replace(" ", "").lower().replace("i", "j"))
+        return complex(with_point(text.replace(" ", "")).lower().replace("i", "j"))
     except ValueError:
         raise MeasurementError(
-            f"{path}: expected a number under '{head[:60]}' in line {number}, got '{text[:60]}'. Write it as 1.2, "
-            "complex as 1.2+0.3j."
+            f"{path}: expected a number under '{plain(head[:60])}' in line {number}, got '{plain(text[:60])}'. Write "
+            "it as 1.2, complex as 1.2+0.3j."
         ) from None

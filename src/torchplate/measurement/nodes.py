@@ -1,6 +1,5 @@
 """A table of nodes, for files that hold no coordinates: node, x, y and, if wanted, z, one node a line."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 from torchplate.measurement.measurement import Channel, Measurement, MeasurementError
 from torchplate.measurement.parsing import reads
 from torchplate.measurement.read import UFF_SUFFIX
+from torchplate.measurement.text_table import cells_of, lines_of
 from torchplate.measurement.uff_file import read_geometry
 
 Point = tuple[float, float, float]
@@ -16,6 +16,8 @@ Point = tuple[float, float, float]
 @reads("a table of nodes")
 def read_nodes(path: Path) -> dict[int, Point]:
     """Read a table of nodes; columns apart by commas, semicolons, tabs or blanks; a first line of words is skipped.
+
+    A comma within a number is a decimal point where something else parts the columns.
 
     A universal file is taken for its datasets 15 and 2411.
 
@@ -34,15 +36,15 @@ def read_nodes(path: Path) -> dict[int, Point]:
             )
         return places
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+        lines = lines_of(path)
+    except OSError as error:
         raise MeasurementError(
             f"{path}: expected a table of nodes (node, x, y[, z]), got none that can be read. Check the path."
         ) from error
     found: dict[int, Point] = {}
     began = False
     for number, line in enumerate(lines, start=1):
-        cells = [cell for cell in re.split(r"[,;\s]+", line.partition("#")[0].strip()) if cell]
+        cells = cells_of(line.partition("#")[0])
         if not cells:
             continue
         try:

@@ -167,14 +167,16 @@ class _Grid:
         x, y, _ = channel.coordinate
         on_x, on_y = min(max(x, 0.0), self.length_x), min(max(y, 0.0), self.length_y)
         outside = ((x - on_x) ** 2 + (y - on_y) ** 2) ** 0.5
+        name = channel.label if channel.node else "each point"
         longer = max(self.length_x, self.length_y)
         if not outside <= OFF_PLATE * longer:
             millimetres = max(abs(x), abs(y)) > 20 * longer
             raise MeasurementError(
-                f"{self.source}: expected {channel.label} on the plate of {self.length_x:g} × {self.length_y:g} m, got "
+                f"{self.source}: expected {name} on the plate of {self.length_x:g} × {self.length_y:g} m, got "
                 f"({x:g}, {y:g}) m, {outside:.3g} m off it. "
                 + (
-                    "The coordinates look like millimetres: state the unit in dataset 164."
+                    "The coordinates look like millimetres: write measurement.frame: {unit: mm}, or state the unit in "
+                    "dataset 164."
                     if millimetres
                     else "Check mesh.length_x and mesh.length_y, and that the coordinates start at the plate's corner."
                 )

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from torchplate.measurement.archive import plain
-from torchplate.measurement.level import FORCE, MOTION, SI_LABEL, to_si
+from torchplate.measurement.level import FORCE, MOTION, SI_LABEL, quantity_of, to_si
 from torchplate.measurement.measurement import MeasurementError
 from torchplate.measurement.parsing import reads
 from torchplate.measurement.read import UFF_SUFFIX
@@ -21,11 +21,11 @@ class Layout:
     """What a file does not say of its channels.
 
     Args:
-        force: Name or number (from 1) of the force channel; None to find it by its name or unit, else the first.
+        force: Name or number (from 1) of the force channel; None to find it by its name or unit, else by its pulses.
         rate: Samples per second [Hz], where the file does not say.
         reference: Node that is hit, where the file does not say.
         responses: Nodes of the response channels in the file's order, likewise.
-        scale: Factors to N and to the responses' SI unit.
+        scale: Factors to N and to the responses' SI unit; (1, 1) to go by the units that the file states.
         motion: What the responses are, where the file does not say.
     """
 
@@ -79,40 +79,87 @@ def _from_table(table: RecordTable, path: Path, layout: Layout) -> list[Recordin
             f"{path}: expected a force and at least one response, got {n_channel} channel. Export the hammer's channel "
             "beside the responses."
         )
-    force = _force_channel(table.names, n_channel, path, layout)
+    force, remark = _force_channel(table, path, layout)
     others = [i for i in range(n_channel) if i != force]
     if layout.responses and len(layout.responses) != len(others):
         raise MeasurementError(
             f"{path}: expected a node for each of {len(others)} responses, got {len(layout.responses)}. Correct "
             "--response."
         )
+    factor, motion, has_unit = _units(table, force, others, path, layout)
     return [
         Recording(
             rate=float(rate),
-            force=layout.scale[0] * hit[force].astype(np.float64),
-            response=layout.scale[1] * hit[others].astype(np.float64),
+            force=factor[force] * hit[force].astype(np.float64),
+            response=factor[others, None] * hit[others].astype(np.float64),
             reference=layout.reference or 0,
             responses=layout.responses or tuple(range(1, len(others) + 1)),
-            motion=layout.motion,
-            has_unit=layout.scale != (1.0, 1.0),
+            motion=motion,
+            has_unit=has_unit,
             source=f"{path}" + (f", record {number}" if len(table.channels) > 1 else ""),
+            notes=(remark,) if remark else (),
         )
         for number, hit in enumerate(table.channels, start=1)
     ]
 
 
-def _force_channel(names: tuple[str, ...], n_channel: int, path: Path, layout: Layout) -> int:
+def _units(
+    table: RecordTable, force: int, others: list[int], path: Path, layout: Layout
+) -> tuple[np.ndarray, Motion | None, bool]:
+    """Factors to SI by channel, what the responses are, and whether all that is known: as told, else by the units."""
+    factor = np.ones(len(table.names))
+    if layout.scale != (1.0, 1.0):
+        factor[force], factor[others] = layout.scale
+        return factor, layout.motion, True
+    units = [*table.units, *[""] * (len(table.names) - len(table.units))]
+    stated = {quantity for i in others if (quantity := quantity_of(units[i])) not in (None, "force")}
+    if len(stated) > 1:
+        named = " and ".join(sorted(map(str, stated)))
+        raise MeasurementError(
+            f"{path}: expected responses of one kind, got units of {named}. Export one kind of sensor, and leave the "
+            "other channels out."
+        )
+    motion = layout.motion or _motion(stated.pop() if stated else None)
+    known = to_si("force", units[force])
+    found = [to_si(motion or "acceleration", units[i]) for i in others]
+    factor[force] = known or 1.0
+    factor[others] = [one or 1.0 for one in found]
+    return factor, motion, known is not None and None not in found
+
+
+def _force_channel(table: RecordTable, path: Path, layout: Layout) -> tuple[int, str]:
+    """The force's channel, and a sentence where nothing in the file says that it is one."""
+    names, n_channel = table.names, table.channels.shape[1]
     if layout.force is None:
-        return next((i for i, name in enumerate(names) if FORCE_NAME.search(name)), 0)
+        named = next((i for i, name in enumerate(names) if FORCE_NAME.search(name)), None)
+        if named is None:
+            named = next((i for i, unit in enumerate(table.units) if quantity_of(unit) == "force"), None)
+        if named is not None:
+            return named, ""
+        found = _most_like_a_pulse(table.channels)
+        return found, (
+            f"No channel is named as the force: {names[found]!r}, of {n_channel}, has the shortest pulses and was "
+            "taken; --force names another."
+        )
     if layout.force.isdecimal() and 1 <= int(layout.force) <= n_channel:
-        return int(layout.force) - 1
+        return int(layout.force) - 1, ""
     near = [i for i, name in enumerate(names) if name.strip().lower() == layout.force.strip().lower()]
     if not near:
         raise MeasurementError(
             f"{path}: expected a force channel out of {', '.join(names)} or 1 to {n_channel}, got {layout.force!r}. "
             "Correct --force."
         )
-    return near[0]
+    return near[0], ""
+
+
+def _most_like_a_pulse(channels: np.ndarray) -> int:
+    """The channel whose energy is in the fewest samples: a plate rings, a hammer does not."""
+    level = channels - np.median(channels, axis=-1, keepdims=True)
+    power = level.astype(np.float64) ** 2
+    least = np.finfo(np.float64).tiny
+    # (Σ x²)² / Σ x⁴: in how many samples the energy is.
+    spread = power.sum(axis=(0, 2)) ** 2 / np.maximum((power**2).sum(axis=(0, 2)), least)
+    return int(np.where(power.sum(axis=(0, 2)) > 0, spread, np.inf).argmin())
 
 
 def _from_uff(path: Path, layout: Layout) -> list[Recording]:

@@ -1,16 +1,18 @@
 """Time records as tables of channels, from files that name no nodes: WAV, MAT, NPZ, CSV and text, LVM."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from torchplate.measurement.archive import arrays_of
+from torchplate.measurement.archive import arrays_of, plain
+from torchplate.measurement.level import is_unit, second_of
 from torchplate.measurement.mat_elements import check_elements
 from torchplate.measurement.measurement import MeasurementError
+from torchplate.measurement.text_table import cells_of, lines_of, unit_in
 
 FORCE_NAME: Final = re.compile(
     r"force|hammer|exc|impact|kraft|^f\d*$|\[\s*(k|m)?n\s*\]|\(\s*(k|m)?n\s*\)", re.IGNORECASE
@@ -22,11 +24,12 @@ TIME_NAME: Final = ("t", "time", "time_s", "zeit")
 
 @dataclass(frozen=True)
 class RecordTable:
-    """What a file holds, channel by channel; its rate [Hz], where it tells that."""
+    """What a file holds, channel by channel; its rate [Hz] and the channels' units, where it tells them."""
 
     rate: float | None
     names: tuple[str, ...]
     channels: np.ndarray  # [n_hit, n_channel, n_sample]
+    units: tuple[str, ...] = ()
 
 
 def _from_wav(path: Path) -> RecordTable:
@@ -131,14 +134,13 @@ def _word(key: str) -> str:
 
 
 def _from_text(path: Path) -> RecordTable:
-    """Columns: time first unless a rate is given, then the channels; a head line names them."""
-    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    names: list[str] = []
+    """Columns: time first unless a rate is given, then the channels; a head line names them, and may give units."""
+    heads: list[list[str]] = []
     rows: list[list[float]] = []
-    for line in lines:
+    for line in lines_of(path):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        cells = _cells(line)
+        cells = cells_of(line)
         try:
             rows.append([float(cell) for cell in cells])
         except ValueError:
@@ -146,7 +148,7 @@ def _from_text(path: Path) -> RecordTable:
                 raise MeasurementError(
                     f"{path}: expected numbers in each row, got {line.strip()[:60]!r}. Remove that line."
                 ) from None
-            names = cells
+            heads.append(cells)
     widths = {len(row) for row in rows}
     if len(widths) != 1:
         raise MeasurementError(
@@ -154,23 +156,42 @@ def _from_text(path: Path) -> RecordTable:
             f"{'none' if not rows else f'rows of {min(widths)} and {max(widths)} numbers'}. Export it as a table."
         )
     table = np.array(rows).T
-    if len(names) != len(table):
-        names = [f"column {i}" for i in range(1, len(table) + 1)]
-    # A time column rises evenly.
-    rises = len(table[0]) > 1 and bool((np.diff(table[0]) > 0).all())
-    if rises:
-        return RecordTable(_rate_of(table[0], path), tuple(names[1:]), table[None, 1:])
-    return RecordTable(None, tuple(names), table[None])
+    names, units = _headed([cells for cells in heads if len(cells) == len(table)], len(table))
+    time = _time_column(names, table)
+    if time is None:
+        return RecordTable(None, names, table[None], units)
+    seconds = table[time] * _seconds(units[time], path)
+    # What stands before the time counts the rows.
+    return RecordTable(_rate_of(seconds, path), names[time + 1 :], table[None, time + 1 :], units[time + 1 :])
 
 
-def _cells(line: str) -> list[str]:
-    """The cells of a row; a comma is a decimal point where semicolons or tabs part the columns."""
-    for mark in (";", "\t"):
-        if mark in line:
-            cells = [cell.strip() for cell in line.split(mark)]
-            return [cell.replace(",", ".") for cell in cells if cell]
-    cells = line.split(",") if "," in line else line.split()
-    return [cell.strip().strip('"') for cell in cells if cell.strip()]
+def _headed(heads: list[list[str]], n_column: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Name and unit of each column, from a line of names and, below it, one of units."""
+    if not heads:
+        return tuple(f"column {i}" for i in range(1, n_column + 1)), ("",) * n_column
+    bare = tuple(cell.strip("[]() ") for cell in heads[-1])
+    if len(heads) > 1 and all(is_unit(unit) for unit in bare):
+        return tuple(heads[-2]), bare
+    return tuple(heads[-1]), tuple(unit_in(name) for name in heads[-1])
+
+
+def _time_column(names: Sequence[str], table: np.ndarray) -> int | None:
+    """The column that is headed as time; else the first, where it rises, which a time does."""
+    named = [i for i, name in enumerate(names) if re.split(r"[\s\[(]", name.strip().lower())[0] in TIME_NAME]
+    return next((i for i in (*named, 0) if len(table[i]) > 1 and bool((np.diff(table[i]) > 0).all())), None)
+
+
+def _seconds(unit: str, path: Path) -> float:
+    """Factor from a column of times to seconds."""
+    if not unit:
+        return 1.0
+    factor = second_of(unit)
+    if factor is None:
+        raise MeasurementError(
+            f"{path}: expected times in s, ms or µs, got a column in {plain(unit)!r}. Convert it, or leave it out and "
+            "give --rate."
+        )
+    return factor
 
 
 def _rate_of(time: np.ndarray, path: Path) -> float:
@@ -205,7 +226,9 @@ def _from_lvm(path: Path) -> RecordTable:
     stack = np.stack([c[:least].T for c in columns])
     kept = [i for i in range(stack.shape[1]) if np.isfinite(stack[:, i]).all()]
     named = [names[i] if i < len(names) else f"channel {i + 1}" for i in kept]
-    return RecordTable(rate, tuple(named), stack[:, kept])
+    stated = [str(unit) for unit in segments[0].get("Y_Unit_Label", [])]
+    units = [stated[i] if i < len(stated) else unit_in(name) for i, name in zip(kept, named, strict=True)]
+    return RecordTable(rate, tuple(named), stack[:, kept], tuple(units))
 
 
 READERS: Final[dict[str, Callable[[Path], RecordTable]]] = {

@@ -27,6 +27,7 @@ class Recording:
         has_unit: Whether the file states units.
         source: File and place in it.
         coordinates: Node label → place [m], where the file holds them.
+        notes: What was assumed of it, each a sentence.
     """
 
     rate: float
@@ -38,6 +39,7 @@ class Recording:
     has_unit: bool = False
     source: str = ""
     coordinates: tuple[tuple[int, tuple[float, float, float]], ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 < self.rate < float("inf"):

@@ -35,8 +35,8 @@ def read_uff(path: Path, kind: str | None = None, normal: int = 3) -> Measuremen
         normal: The file's axis that points out of the plate, 1 to 3.
 
     Raises:
-        MeasurementError: Not a universal file, no FRF in it, lines that differ between records, a pair that
-            comes twice, values that do not follow their header, a kind that the file does not settle.
+        MeasurementError: Not a universal file, no FRF in it or only its amplitudes, lines that differ between records,
+            a pair that comes twice, values that do not follow their header, a kind that the file does not settle.
     """
     file, units, places, notes = opened(path)
     records = [record_of(file, index, path, normal) for index in of_type(file, 58)]
@@ -63,8 +63,30 @@ def read_uff(path: Path, kind: str | None = None, normal: int = 3) -> Measuremen
         notes.append(f"Left out {len(plane)} {many} not out of the plate, the first {plane[0].label}.")
     if any(r.scalar for r in frfs):
         notes.append("Channels with direction 0 (scalar) were taken as out of the plate.")
+    _complex(frfs, path, notes)
+    if strange := next((r for r in frfs if r.axis), None):
+        notes.append(f"The unit label {strange.axis!r} of the frequency axis is not known; taken as Hz.")
     found, factor = _kind_and_factor(frfs, kind, units, path, notes)
     return _assemble(frfs, [r for r in records if r.function_type == 6], places, found, factor, path, notes)
+
+
+def _complex(frfs: list[Record], path: Path, notes: list[str]) -> None:
+    """Refuse amplitudes and levels in dB, and name FRFs of one part alone."""
+    halves = [r for r in frfs if r.value.any() and not (r.value.real.any() and r.value.imag.any())]
+    for record in halves:
+        in_db = "db" in record.labels[0].lower()
+        if not record.is_complex and (in_db or record.value.real.min() >= 0):
+            raise MeasurementError(
+                f"{path}: expected complex FRFs, got {'levels in dB' if in_db else 'amplitudes without a phase'} in "
+                f"{record.label}. Export real and imaginary parts (ordinate data type 5 or 6)."
+            )
+    if halves:
+        missing = "imaginary" if halves[0].value.real.any() else "real"
+        notes.append(
+            f"Of {len(frfs)} FRFs {len(halves)} have no {missing} part, the first {halves[0].label}: an amplitude or "
+            "one part alone? Those of a damped model have both: export real and imaginary parts (ordinate data type 5 "
+            "or 6)."
+        )
 
 
 def _left_out(file: Any, records: list[Record]) -> list[str]:

@@ -12,19 +12,25 @@ import pyuff
 from jaxtyping import Complex, Float
 
 from torchplate.measurement.archive import plain
-from torchplate.measurement.level import Units
+from torchplate.measurement.level import Units, hertz_of, second_of
 from torchplate.measurement.measurement import MeasurementError
 from torchplate.measurement.parsing import reads
-from torchplate.measurement.uff_values import ValuesError, decode
+from torchplate.measurement.uff_values import ORDINATE, ValuesError, decode
 
 DIRECTION: Final = {0: "w", 1: "u", 2: "v", 3: "w", 4: "tx", 5: "ty", 6: "tz"}
+GLOBAL: Final = (0, 1)
+"""Coordinate systems that need no turning: none, and the first, which exporters make the global one."""
 End = tuple[int, str]
 Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One dataset 58 as the file gives it: ends with their sign, lines, values, what the level is of."""
+    """One dataset 58 as the file gives it: ends with their sign, lines, values, what the level is of.
+
+    The lines are in Hz, or s of a time record. `axis` is the unit of the axis where it is not known; they are then as
+    they were.
+    """
 
     number: int
     function_type: int
@@ -32,12 +38,14 @@ class Record:
     reference: End
     sign: int
     scalar: bool
+    is_complex: bool
     frequency: Float[np.ndarray, " n"]
     value: Complex[np.ndarray, " n"]
     numerator: int
     denominator: int
     labels: tuple[str, str]
     text: str
+    axis: str = ""
 
     @property
     def label(self) -> str:
@@ -143,11 +151,21 @@ def opened(path: Path) -> tuple[Any, Units, dict[int, Point], list[str]]:
     notes: list[str] = []
     units = _units(file, path, notes)
     places: dict[int, Point] = {}
+    turned = 0
+    systems = bool(of_type(file, 18, 2420))
     for index in of_type(file, 15, 2411):
         dataset = _read(file, index, path)
+        if systems:
+            turned += sum(int(system) not in GLOBAL for system in np.atleast_1d(dataset["def_cs"]))
         columns = (dataset["node_nums"], dataset["x"], dataset["y"], dataset["z"])
         for node, x, y, z in zip(*columns, strict=True):
             places[int(node)] = (float(x) / units.length, float(y) / units.length, float(z) / units.length)
+    if turned:
+        notes.append(
+            f"The file gives {turned} node{'s' * (turned > 1)} in a coordinate system of its own (dataset 18 or 2420), "
+            "which is not applied: the coordinates are taken as global. Export them in the global system if they are "
+            "not."
+        )
     return file, units, places, notes
 
 
@@ -217,6 +235,8 @@ def record_of(file: Any, index: int, path: Path, normal: int) -> Record:
         ) from fault
     if frequency is None:
         frequency = header["abscissa_min"] + header["abscissa_inc"] * np.arange(n_point)
+    axis = plain(str(header.get("abscissa_axis_units_lab", "")).strip())
+    in_si = second_of(axis) if int(header["func_type"]) == 1 else hertz_of(axis)
     directions = (int(header["rsp_dir"]), int(header["ref_dir"]))
     if any(abs(d) not in DIRECTION for d in directions):
         raise MeasurementError(
@@ -229,12 +249,14 @@ def record_of(file: Any, index: int, path: Path, normal: int) -> Record:
         reference=(int(header["ref_node"]), DIRECTION[_seen(abs(directions[1]), normal)]),
         sign=-1 if (directions[0] < 0) != (directions[1] < 0) else 1,
         scalar=0 in directions,
-        frequency=frequency,
+        is_complex=ORDINATE[int(header["ord_data_type"])][0],
+        frequency=frequency if in_si is None else in_si * frequency,
         value=value,
         numerator=int(header["ordinate_spec_data_type"]),
         denominator=int(header["orddenom_spec_data_type"]),
         labels=(header["ordinate_axis_units_lab"], header["orddenom_axis_units_lab"]),
         text=header["id1"],
+        axis="" if in_si is not None else axis,
     )
 
 

@@ -64,7 +64,10 @@ def solve_modes(stiffness: Float[Tensor, "*#batch n n"], mass: Float[Tensor, "*#
         flat, matrices = vector.reshape(-1, *vector.shape[-2:]).clone(), white.reshape(-1, *white.shape[-2:])
         values = eigenvalue.reshape(-1, eigenvalue.shape[-1]).clone()
         for member in torch.nonzero(suspect.flatten()).flatten().tolist():
-            values[member], flat[member] = torch.linalg.eigh(matrices[member].clone())
+            values[member], again = torch.linalg.eigh(matrices[member].clone())
+            # Vectors of the rigid-body modes have been seen 1e-10 from orthonormal, which LAPACK leaves: a step of
+            # Newton and Schulz takes an error e to e², and no broken vector to a whole one.
+            flat[member] = again @ (1.5 * torch.eye(again.shape[-1]).to(again) - 0.5 * again.mT @ again)
         eigenvalue, vector = values.reshape(eigenvalue.shape), flat.reshape(vector.shape)
         if bool((_orthonormality_error(vector) > _tolerance(vector)).any()):
             raise ArithmeticError(

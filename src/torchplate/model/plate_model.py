@@ -108,8 +108,8 @@ class PlateModel(PlateVariants):
 
     def frf(
         self,
-        theta: Numbers,
-        frequency: Numbers,
+        theta: Numbers | None = None,
+        frequency: Numbers | None = None,
         response: Points | None = None,
         reference: Points | None = None,
         kind: str | None = None,
@@ -135,8 +135,10 @@ class PlateModel(PlateVariants):
 
         Raises:
             ValueError: if a place or the kind is unknown, none is given and the model has no measurement, or theta or
-                the lines cannot be meant.
+                the lines are left out or cannot be meant.
         """
+        if theta is None or frequency is None:
+            raise left_out(theta is None, self.names)
         points = self._points(response, reference, kind)
         theta, single = self._theta(theta, check)
         laplace = laplace_lines(as_frequency(frequency, theta, check), decay)
@@ -164,8 +166,6 @@ class PlateModel(PlateVariants):
         Raises:
             ValueError: as `frf`, and if theta or the lines are left out.
         """
-        if theta is None or frequency is None:
-            raise left_out(theta is None, self.names)
         return self.frf(theta, frequency, *points, **options)
 
     def _frf(

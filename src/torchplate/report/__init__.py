@@ -6,7 +6,8 @@
   `diagnosis_figures`: its figures.
 - `gap_figure`, `bands_figure`, `frf_figure`, `plate_map`, `field_map`, `assurance_figure`: what each of them shows.
 - `mode_shapes`: small multiples of a model's modes; `measured_shapes`: what was measured beside them;
-  `shape_agreement`: MAC and COMAC of shapes that were measured as such.
+  `shape_agreement`: MAC and COMAC of shapes that were measured as such, `modal_fdac`: the shapes between their
+  resonances, `paired_shapes`: both with the model's beside them.
 - `quality_figure`: a measurement as it is.
 - `run`: the report of a run; `run_figures`: its figures.
 - `comparison`: searches beside each other; `latex`: its tables for a paper.

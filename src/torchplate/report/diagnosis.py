@@ -15,8 +15,9 @@ from torchplate.report.drawing import png
 from torchplate.report.markdown import markdown
 from torchplate.report.mode_shapes import composite, mode_shapes, modes_caption, modes_of
 from torchplate.report.page import page
+from torchplate.report.paired_shapes import shapes_of
 from torchplate.report.plate_map import place_found
-from torchplate.report.shape_agreement import agreement, shapes_of
+from torchplate.report.shape_agreement import agreement
 from torchplate.report.verdict import verdict_sentence
 
 FIGURES = "figures/"

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -22,7 +23,8 @@ from torchplate.report.style import FOUND, INDEX, INK, MUTED, NARROW, PAPER, SHA
 MANY_CHANNELS = 40
 """More than these on the map stay without their labels."""
 
-
+LINE = 0.17
+"""Height of a line of the legend [inch]."""
 ELLIPSE_95 = math.sqrt(-2 * math.log(0.05))
 """Half axes of the ellipse that holds 95 % of a normal distribution in the plane, in standard deviations."""
 
@@ -88,12 +90,24 @@ def plate_map(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
     if narrow:
         n_line = sum(1 + str(handle.get_label()).count("\n") for handle in handles)
         figure.set_size_inches(
-            NARROW, min(max(2.7 * ratio, 0.6), 4.5) + 0.7 + 0.6 * (field is not None) + 0.17 * n_line
+            NARROW, min(max(2.7 * ratio, 0.6), 4.5) + 0.7 + 0.6 * (field is not None) + LINE * n_line
         )
-    figure.legend(handles=handles, loc="outside lower center", ncol=1 if narrow else 2, frameon=False,
-                  fontsize=8.5)  # fmt: skip
+    _legend(figure, handles, narrow)
     _place_labels(figure, axis, _spots(diagnosis, sides), sides)
     return figure
+
+
+def _legend(figure: Figure, handles: Sequence[Artist], narrow: bool) -> None:
+    """Below the plate, in two columns where they fit the width."""
+    told: dict[str, Any] = {"handles": handles, "loc": "outside lower center", "frameon": False, "fontsize": 8.5}
+    if not narrow:
+        legend = figure.legend(ncol=2, **told)
+        if legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()
+        width, height = figure.get_size_inches()
+        figure.set_size_inches(width, height + LINE * (len(handles) // 2))
+    figure.legend(ncol=1, **told)
 
 
 def map_told(diagnosis: Diagnosis) -> str:

@@ -19,6 +19,7 @@ from torchplate.report.markdown import markdown
 from torchplate.report.mode_shapes import mode_shapes, modes_caption, modes_of
 from torchplate.report.numbers import digits
 from torchplate.report.page import page
+from torchplate.report.paired_shapes import shapes_of
 from torchplate.report.run_figures import (
     Convergence,
     convergence,
@@ -30,7 +31,7 @@ from torchplate.report.run_figures import (
     overlay,
     shown,
 )
-from torchplate.report.shape_agreement import agreement, shapes_of
+from torchplate.report.shape_agreement import agreement
 
 # Of the files beside report.md: they are looked at on a screen.
 DPI, N_COLOUR = 90, 64
@@ -166,6 +167,8 @@ def _blocks(
         yield Heading("Measured and modelled mode shapes")
         yield pictures["mac"]
         yield pictures["comac"]
+        if "fdac" in pictures:
+            yield pictures["fdac"]
     if "convergence" in pictures:
         yield Heading("Convergence")
         yield pictures["convergence"]

@@ -136,6 +136,9 @@ def convergence(runs: Mapping[str, Convergence], objective: str, narrow: bool = 
         narrow: for a narrow screen, below each other.
     """
     figure = Figure(figsize=(NARROW, 4.6) if narrow else (9, 3.6), layout="constrained")
+    ends = [(float(np.nanmin(run.best)), float(np.nanmax(run.best))) for run in runs.values()]
+    # Within a factor of two a logarithmic axis has a single digit to tell its ticks apart by.
+    far = max(high for _, high in ends) > 2 * min(low for low, _ in ends)
     left, right = figure.subplots(*((2, 1) if narrow else (1, 2)), sharey=True)
     for colour, (label, run) in zip(COLOURS * (1 + len(runs) // len(COLOURS)), runs.items(), strict=False):
         lower, middle, upper = np.nanquantile(run.best, [0.25, 0.5, 0.75], axis=0)
@@ -148,10 +151,13 @@ def convergence(runs: Mapping[str, Convergence], objective: str, narrow: bool = 
     for axis in (left, right) if narrow else (left,):
         axis.set_ylabel(f"best {objective}", fontsize=8.5 if narrow else 10)
     for axis in (left, right):
-        axis.set_yscale("log")
-        for formatter in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
-            # Plain numbers: a search often ends within a factor of two.
-            formatter(LogFormatter(minor_thresholds=(1, 0.4)))
+        if far:
+            axis.set_yscale("log")
+            for formatter in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
+                # Plain numbers: a search often ends within a decade.
+                formatter(LogFormatter(minor_thresholds=(1, 0.4)))
+        else:
+            axis.ticklabel_format(axis="y", useOffset=False, style="plain")
         axis.xaxis.set_major_locator(MaxNLocator(6, integer=True))
         dress(axis)
     right.legend(frameon=False, fontsize=8)

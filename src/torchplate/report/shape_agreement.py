@@ -1,19 +1,16 @@
-"""How alike measured and modelled mode shapes are: MAC of every pair, and COMAC point by point."""
+"""How alike measured and modelled mode shapes are: MAC of every pair, COMAC point by point, FDAC between the modes."""
 
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Num
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Rectangle
-from torch import Tensor
 
-from torchplate.discrepancy import ModalEvidence, comac, mac
-from torchplate.model import PlateModel
 from torchplate.report.document import Panel, Picture
+from torchplate.report.modal_fdac import fdac_caption, fdac_figure, fdac_told, modal_fdac
+from torchplate.report.paired_shapes import Shapes
 from torchplate.report.style import INDEX, INK, MUTED, NARROW, bare, colour_bar, dress
 
 SHADES = INDEX.resampled(20)
@@ -24,59 +21,6 @@ ALIKE = 0.1
 is below (Ewins, Modal Testing, 2000)."""
 MOST_NAMED = 3
 """Points that are named beside the map, those of the least COMAC."""
-
-
-class Shapes(NamedTuple):
-    """Measured modes and the model's that they are paired with, at the same points.
-
-    Attributes:
-        number: of the model's modes, from 1, rigid-body modes included.
-        hertz: measured natural frequencies [Hz].
-        measured: deflections.
-        model: likewise.
-        place: of the points, relative [-].
-        label: of the points.
-        sides: of the plate [m].
-    """
-
-    number: tuple[int, ...]
-    hertz: tuple[float, ...]
-    measured: Num[Tensor, "n_mode n_point"]
-    model: Float[Tensor, "n_mode n_point"]
-    place: Float[Tensor, "n_point 2"]
-    label: tuple[str, ...]
-    sides: tuple[float, float]
-
-    @property
-    def between(self) -> Float[Tensor, "n_mode n_mode"]:
-        """MAC of each measured shape, a row, with each of the model's."""
-        return mac(self.measured, self.model)
-
-    @property
-    def among(self) -> Float[Tensor, "n_mode n_mode"]:
-        """AutoMAC: of the measured shapes with each other."""
-        return mac(self.measured, self.measured)
-
-    @property
-    def by_point(self) -> Float[Tensor, " n_point"]:
-        """COMAC of each point."""
-        return comac(self.measured, self.model)
-
-
-@torch.no_grad()
-def shapes_of(modal: ModalEvidence, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Shapes:
-    """A measured modal model beside the model's modes, in the order of the measured frequencies."""
-    paired = modal.to(model.known.device).paired(model, theta)
-    order = modal.modal.frequency.cpu().argsort()
-    return Shapes(
-        tuple((paired.mode.cpu()[order] + 1).tolist()),
-        tuple(modal.modal.frequency.cpu()[order].tolist()),
-        modal.modal.shape.cpu()[order],
-        paired.shape.cpu()[order].to(modal.modal.shape.real.dtype),
-        modal.place.cpu(),
-        tuple(point.label for point in modal.modal.point),
-        (model.mesh.length_x, model.mesh.length_y),
-    )
 
 
 def agreement(shapes: Shapes) -> dict[str, tuple[Picture, Figure]]:
@@ -96,10 +40,16 @@ def agreement(shapes: Shapes) -> dict[str, tuple[Picture, Figure]]:
         "count in it."
     )
     mapped = (Panel(partial(comac_figure, shapes, narrow=True), _points_told(shapes)),)
-    return {
+    found = {
         "mac": (Picture("mac", text, squares), mac_figure(shapes)),
         "comac": (Picture("comac", place, mapped), comac_figure(shapes)),
     }
+    # With one mode or one point the operating shape is the same at every frequency.
+    if len(shapes.hertz) > 1 and len(shapes.label) > 1:
+        criterion = modal_fdac(shapes)
+        panel = Panel(partial(fdac_figure, criterion, narrow=True), fdac_told(criterion, shapes))
+        found["fdac"] = Picture("fdac", fdac_caption(criterion, shapes), (panel,)), fdac_figure(criterion)
+    return found
 
 
 def mac_figure(shapes: Shapes) -> Figure:
@@ -153,8 +103,10 @@ def comac_figure(shapes: Shapes, narrow: bool = False) -> Figure:
     drawn.set_edgecolor(INK)
     drawn.set_linewidth(0.6)
     for point in _worst(shapes):
+        # A point that is called by its place is where it says, and has no room for that.
+        name = "" if shapes.label[point].startswith("(") else f"{shapes.label[point]}: "
         axis.annotate(
-            f"{shapes.label[point]}: {1 - lacks[point]:.2f}",
+            f"{name}{1 - lacks[point]:.2f}",
             place[point],
             xytext=(5, 5),
             textcoords="offset points",

@@ -53,7 +53,8 @@ ROVED: Final[dict[str, Any]] = {
             "n_pre_trigger": 32, "n_average": 2,
         },
         "response": [1],
-        "refine": 4,
+        # 32 × 16 elements: a coarser mesh gives too little under the magnet, and a diagnosis names what it lacks.
+        "refine": 8,
         "seed": 3,
     },
 }  # fmt: skip

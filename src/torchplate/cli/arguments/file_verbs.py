@@ -69,7 +69,11 @@ def _frf_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("records", type=Path, nargs="+", metavar="RECORDS", help=".uff, .wav, .mat, .npz, .csv or .lvm")
     parser.add_argument("--out", type=Path, required=True, help="the file to write: .uff or .npz")
     parser.add_argument("--estimator", choices=list(ESTIMATES), default="H1", help="(default: H1)")
-    parser.add_argument("--force", metavar="CHANNEL", help="name or number of the force channel (UFF: its node)")
+    parser.add_argument(
+        "--force",
+        metavar="CHANNEL",
+        help="name or number of the force channel (UFF: its node); else the one so named, or of the shortest pulses",
+    )
     parser.add_argument("--reference", type=int, nargs="+", default=[], metavar="NODE", help="node hit, for each file")
     parser.add_argument("--response", type=int, nargs="+", default=[], metavar="NODE", help="node of each response")
     parser.add_argument(

@@ -68,9 +68,13 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
             f"{len(told.references)}. Correct it."
         )
     recordings: list[Recording] = []
+    named: list[str] = []
     for number, path in enumerate(records):
         given = told.references[min(number, len(told.references) - 1)] if told.references else None
-        recordings += _labelled(read_recordings(path, replace(told.layout, reference=given)), path, told)
+        read = read_recordings(path, replace(told.layout, reference=given))
+        recordings += _labelled(read, path, told)
+        if any(recording.reference == 0 for recording in read):
+            named.append(f"{recordings[-1].reference} ({path.name})")
     measurement = frf_of_hits(recordings, told.cutting, told.windows, told.estimator)
     if told.nodes is not None:
         measurement = with_nodes(measurement, read_nodes(told.nodes), str(told.nodes))
@@ -80,6 +84,10 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
             measurement.to_npz(partial)
         else:
             write_uff(measurement, partial)
+    if named:
+        text = ", ".join(named)
+        say = f"Nodes that were hit, by the last number in the files' names: {text}. --reference gives others."
+        console.print(say, highlight=False, markup=False, soft_wrap=True)
     _say(measurement, recordings, out, told, console)
     return measurement
 
@@ -113,7 +121,7 @@ def _say(
     step = measurement.step or 0.0
     console.print(
         f"{len(measurement.pairs)} FRFs ({measurement.kind}, {told.estimator}) from {len(recordings)} recordings, "
-        f"{first:g} to {last:g} Hz, step {step:.4g} Hz: {out}",
+        f"{first:.6g} to {last:.6g} Hz, step {step:.4g} Hz: {out}",
         highlight=False,
         markup=False,
         soft_wrap=True,

@@ -1,5 +1,6 @@
 """`torchplate inspect FILE`: what a measurement file holds, what looks wrong in it, and one figure."""
 
+import re
 import shlex
 import zipfile
 from pathlib import Path
@@ -29,6 +30,8 @@ from torchplate.measurement import (
 )
 from torchplate.notation import percent
 
+COMMAND = re.compile(r"torchplate [^;]+")
+
 
 def inspect(path: Path, out: Path | None = None, console: Console | None = None) -> Path | None:
     """Describe a file; report on its FRFs, where there are any, and save one figure of them.
@@ -57,6 +60,7 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
     if contents is not None:
         console.print(_contents(contents, path))
         if not contents.has_frf:
+            _next(contents, path, console)
             return None
     try:
         measurement = read_measurement(path)
@@ -65,8 +69,7 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
             raise
         console.print(f"[yellow]No report on the FRFs:[/yellow] {escape(str(error))}", highlight=False, soft_wrap=True)
         if "--kind" in contents.new:
-            command = f"torchplate new {shlex.quote(str(path))}{contents.new}"
-            console.print(f"Next: {command}", highlight=False, markup=False, soft_wrap=True)
+            _next(contents, path, console)
         return None
     quality = assess(measurement)
     console.print(_summary(measurement, quality, Path(path)))
@@ -84,7 +87,17 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
     with whole(target) as partial:
         quality_figure(measurement, quality, path.name).savefig(partial, format="png", dpi=150)
     console.print(f"Figure: {target}", highlight=False, markup=False, soft_wrap=True)
+    if contents is not None:
+        _next(contents, path, console)
     return target
+
+
+def _next(contents: Contents, path: Path, console: Console) -> None:
+    """The commands of the table, each in one line that can be copied."""
+    found = [match.group().strip() for part in contents.parts if (match := COMMAND.search(part.use))]
+    name, whole_name = shlex.quote(path.name), shlex.quote(str(path))
+    for command in dict.fromkeys(found):
+        console.print(f"Next: {command.replace(name, whole_name)}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _holds_frfs(path: Path) -> bool:
