@@ -195,3 +195,17 @@ def test_the_mesh_error_is_found_once_for_all_fits(lab, plate, truth, monkeypatc
     assert len(asked) == 1
     assert own.model.assembly.correction is given_up.model.assembly.correction
     assert own.model.assembly.correction is not None
+
+
+@torch.no_grad()
+def test_plates_that_share_their_modes_are_evaluated_without_an_eigenproblem(builder, truth, monkeypatch):
+    reduced = builder.reduced(builder.given, truth[None])
+    members = builder.given.space.to_si(torch.rand(5, 3, generator=torch.Generator().manual_seed(2)).double())
+    problem, sharp = Problem(builder, reduced, {}), builder.target.levels - 1
+    expected = [builder.predict(reduced, members, level) for level in (0, sharp)]
+    problem.predict(members, 0)
+    monkeypatch.setattr(torch.linalg, "eigh", lambda *_: pytest.fail("an eigenproblem was solved"))
+    for level, values in zip((0, sharp), expected, strict=True):
+        found = problem.predict(members, level)
+        # Digits that the wires take from what is attached by a difference.
+        assert float(((found - values).norm(dim=1) / values.norm(dim=1)).max()) < 1e-8
