@@ -350,13 +350,14 @@ def test_without_matrices_of_all_dofs_at_hand_the_answer_is_the_same() -> None:
         torch.testing.assert_close(one, other, rtol=0, atol=1e-14 * float(one.abs().max()))
 
 
+@pytest.mark.parametrize("by_element", [False, True], ids=["projected anew", "each element once"])
 @pytest.mark.parametrize("batch", [(), (3,)], ids=["alone", "batch"])
-def test_a_patch_costs_its_own_elements_and_gives_what_all_elements_do(batch, monkeypatch) -> None:
+def test_a_patch_costs_its_own_elements_and_gives_what_all_elements_do(batch, by_element, monkeypatch) -> None:
     mesh = MESHES["free"]
     geometry = geometry_of(mesh)
     full = Assembly(mesh)
     basis = torch.randn(full.size, 7, generator=torch.Generator().manual_seed(19), dtype=torch.float64)
-    reduced = Assembly(mesh, basis, by_element=True)
+    reduced = Assembly(mesh, basis, by_element)
     rigidity = random_rigidity(*batch, 1, seed=20).expand(*batch, mesh.n_element, 3, 3).clone()
     if batch:
         # Each member has a patch of its own.

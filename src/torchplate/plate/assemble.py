@@ -9,7 +9,7 @@ import copy
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csr_array, diags_array
 from torch import Tensor, nn
 
@@ -317,15 +317,19 @@ class Assembly(nn.Module):
             return (coefficient[..., 0, :] @ flat).unflatten(-1, (self.size, self.size))
         coefficient = coefficient.expand(*coefficient.shape[:-2], self.mesh.n_element, coefficient.shape[-1])
         each = self.elements if which.start == 0 else self.element_masses
-        if each is not None:
+        apart, some = coefficient - coefficient[..., :1, :], None
+        if each is not None or (self.basis is not None and self.uniform is not None):
             # What is the same in all elements is one product for all of them: a patch then costs its own elements.
-            apart = coefficient - coefficient[..., :1, :]
-            found = self._assemble(coefficient[..., :1, :], pattern, which)
             some = _not_zero(apart)
+        if each is not None:
             if some is not None:
                 apart = apart[..., some, :]
                 each = each.unflatten(0, (-1, self.mesh.n_element))[:, some].flatten(0, 1)
+            found = self._assemble(coefficient[..., :1, :], pattern, which)
             return found + (apart.mT.flatten(-2) @ each)[..., self.mirror]
+        if some is not None:
+            matrices = torch.einsum("...ek,kpq->...epq", apart[..., some, :], pattern)
+            return self._assemble(coefficient[..., :1, :], pattern, which) + self._project(matrices, some)
         matrices = torch.einsum("...ek,kpq->...epq", coefficient, pattern)
         return self._scatter(matrices) if self.basis is None else self._project(matrices)
 
@@ -342,8 +346,10 @@ class Assembly(nn.Module):
         found = basis.T @ (self._sparse(torch.ones(1, 1).to(pattern), pattern[None]) @ basis)
         return torch.from_numpy(found).to(self.basis)
 
-    def _project(self, matrices: Float[Tensor, "*batch n_element 12 12"]) -> Float[Tensor, "*batch n n"]:
-        rows = self.element_rows()
+    def _project(
+        self, matrices: Float[Tensor, "*batch n_some 12 12"], some: Int[Tensor, " n_some"] | None = None
+    ) -> Float[Tensor, "*batch n n"]:
+        rows = self.element_rows() if some is None else self.element_rows()[some]
         # All elements in one product, so that no matrix of the basis' size is made for each of them.
         return rows.flatten(0, 1).mT @ (matrices @ rows).flatten(-3, -2)
 
