@@ -1,5 +1,6 @@
 """The words of the command line: their help, their examples, and what asking for them costs."""
 
+import os
 import shlex
 import subprocess
 import sys
@@ -87,3 +88,36 @@ def test_the_public_names_are_those_that_type_checkers_see():
         for name in [a.name for a in node.names]
     }
     assert {name: f"torchplate.{room}" for name, room in torchplate._ROOM.items()} == homes
+
+
+# What a command leaves in its environment is read by the libraries that it imports; torch keeps its number of threads.
+THREADS = """
+import os
+from torchplate.cli.main import main
+main(['effects'])
+import torch
+print([os.environ.get(name) for name in ('OPENBLAS_NUM_THREADS', 'OMP_WAIT_POLICY')], torch.get_num_threads())
+"""
+
+
+def threads_after(**set_by_the_user: str) -> str:
+    named = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_WAIT_POLICY")
+    environment = {name: value for name, value in os.environ.items() if name not in named} | set_by_the_user
+    command = [sys.executable, "-c", THREADS]
+    told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return told.stdout.splitlines()[-1]
+
+
+def test_threads_of_a_command_sleep_while_they_wait_and_torch_keeps_all_of_its_own():
+    given = subprocess.run(
+        [sys.executable, "-c", THREADS.replace("main(['effects'])", "")],
+        env={name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()[-1]
+    assert threads_after() == f"['1', 'PASSIVE'] {given}"
+
+
+def test_threads_that_the_user_has_set_stay():
+    assert threads_after(OMP_NUM_THREADS="1", OMP_WAIT_POLICY="ACTIVE") == "[None, 'ACTIVE'] 1"

@@ -5,9 +5,9 @@
 A mutant is one place of the source with another operator, comparison, number, sign, truth value or condition, or
 without a call that was made for its effect. The package is copied to a scratch folder, the mutant is written there, and
 the fast tests that call its function are run until one fails: first those of the file that is named after the module,
-then those of its room, then others, the shortest first, as far as they take `SECONDS` together. Which test calls which
-function is found by running all of them once. A mutant that every test lets pass survives: a test is missing, or the
-mutant changes nothing that anyone could see, which docs/mutations.md says of each.
+then those of its room, then others, the shortest first, as far as they take `SECONDS` of the processor together. Which
+test calls which function is found by running all of them once. A mutant that every test lets pass survives: a test is
+missing, or the mutant changes nothing that anyone could see, which docs/mutations.md says of each.
 
 Operators: as mutmut and cosmic-ray have them. What stands in annotations, decorators and messages is left alone.
 """
@@ -27,6 +27,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from math import ceil
 from pathlib import Path
 from types import FrameType
 
@@ -38,7 +39,8 @@ PAGE, ARGUMENTS = ROOT / "docs" / "mutations.md", Path(__file__).with_name("surv
 ROOMS = ("plate", "effects", "model", "diagnosis/selection/criterion.py")
 TESTS = ("tests/plate", "tests/effects", "tests/model", "tests/diagnosis/test_criterion.py")
 # The tests of one mutant, undisturbed; a mutant that takes three times as long and this much more is one that hangs.
-SECONDS, PATIENCE = 40.0, 30.0
+# These are seconds of the processor, which others on the machine do not lengthen; so many times as long it may wait.
+SECONDS, PATIENCE, WAITING = 25.0, 10.0, 20.0
 MEMORY = 12 * 2**30
 
 OTHER: dict[type, type] = {
@@ -151,6 +153,12 @@ def written(source: bytes, mutant: Mutant) -> bytes:
     return source[: mutant.begin] + new.encode() + source[mutant.end :]
 
 
+def spent() -> float:
+    """Seconds of the processor that this process and those it waited for have taken."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
 class Calls:
     """A plugin of pytest: which test calls which function of the package, and how long it takes."""
 
@@ -159,24 +167,23 @@ class Calls:
         self.callers: dict[str, list[str]] = defaultdict(list)
         self.seconds: dict[str, float] = {}
         self.seen: set[object] = set()
+        self.began = 0.0
 
     def _heard(self, frame: FrameType, event: str, _: object) -> None:
         if event == "call":
             self.seen.add(frame.f_code)
 
     def pytest_runtest_logstart(self) -> None:
-        self.seen = set()
+        self.seen, self.began = set(), spent()
         sys.setprofile(self._heard)
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
         sys.setprofile(None)
+        self.seconds[nodeid] = spent() - self.began
         for code in self.seen:
             if code.co_filename.startswith(self.package):
                 name = code.co_qualname.split(".<locals>")[0]
                 self.callers[f"{code.co_filename.removeprefix(self.package)} {name}"].append(nodeid)
-
-    def pytest_runtest_logreport(self, report) -> None:
-        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
 
 
 class Asked:
@@ -237,6 +244,7 @@ class Driver:
             try:
                 os.chdir(self.folder)
                 resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+                resource.setrlimit(resource.RLIMIT_CPU, (ceil(seconds), ceil(seconds) + 5))
                 sink = os.open(self.folder / "said.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
                 os.dup2(sink, 1)
                 os.dup2(sink, 2)
@@ -248,7 +256,7 @@ class Driver:
                 answer.write_text(json.dumps({name: getattr(plugin, name) for name in of}))
             finally:
                 os._exit(status)
-        until = time.monotonic() + seconds
+        until = time.monotonic() + WAITING * seconds
         while True:
             ended, status = os.waitpid(child, os.WNOHANG)
             if ended:
@@ -258,6 +266,8 @@ class Driver:
                 os.waitpid(child, 0)
                 return "time", {}
             time.sleep(0.02)
+        if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU:
+            return "time", {}
         told = json.loads(answer.read_text()) if answer.exists() else {}
         return str(os.waitstatus_to_exitcode(status)), told
 
@@ -331,7 +341,7 @@ def report(results: list[dict], n_every: dict[str, int], seed: int, seconds: flo
     """Score and survivors in Markdown."""
     why = json.loads(ARGUMENTS.read_text()) if ARGUMENTS.exists() else {}
     lines = [
-        f"{len(results)} of {sum(n_every.values())} mutants, seed {seed}, in {seconds / 60:.0f} minutes on one core.",
+        f"{len(results)} of {sum(n_every.values())} mutants, seed {seed}, in {seconds / 60:.0f} minutes of one core.",
         "",
         "| room | mutants | tried | killed | survived | killed, those argued to be the same left out |",
         "|---|---|---|---|---|---|",
@@ -350,6 +360,14 @@ def report(results: list[dict], n_every: dict[str, int], seed: int, seconds: flo
     return "\n".join(lines)
 
 
+def keep(path: Path, seconds: float, results: list[dict]) -> None:
+    """What was found so far, whole under its name."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps({"seconds": seconds, "results": results}, ensure_ascii=False, indent=1))
+    partial.replace(path)
+
+
 def main() -> int:
     """Try, count, print, and write where asked for; 1 if a survivor has no argument."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -365,7 +383,7 @@ def main() -> int:
     parser.add_argument("--results", type=Path, default=Path("runs/mutants.json"), help="where each outcome is kept")
     parser.add_argument("--write", action="store_true", help="put score and survivors into docs/mutations.md")
     given = parser.parse_args()
-    began, found = time.monotonic(), every()
+    already, found = spent(), every()
     drawn = sample(found, given.mutants, given.seed)
     kept = json.loads(given.again.read_text()) if given.again else {"seconds": 0.0, "results": []}
     before = {one["key"]: one["by"] for one in kept["results"]}
@@ -374,9 +392,9 @@ def main() -> int:
     try:
         driver = Driver(folder)
         calls = {} if given.tests or not given.minutes else driver.calls()
-        print(f"{len(found)} mutants; {time.monotonic() - began:.0f} s", flush=True)
+        print(f"{len(found)} mutants; {spent() - already:.0f} s", flush=True)
         for mutant in drawn:
-            late, by = time.monotonic() - began > 60 * given.minutes, before.get(mutant.key)
+            late, by = spent() - already > 60 * given.minutes, before.get(mutant.key)
             elsewhere = given.room not in (None, mutant.room) or (given.files and mutant.file not in given.files)
             if by is None and (late or given.again):
                 break
@@ -384,11 +402,11 @@ def main() -> int:
                 by = driver.outcome(mutant, calls, given.tests)
                 print(f"{by or 'survives'}: {mutant.file}:{mutant.line} {mutant.key}", flush=True)
             results.append({**asdict(mutant), "room": mutant.room, "key": mutant.key, "by": by})
+            keep(given.results, kept["seconds"] + spent() - already, results)
     finally:
         shutil.rmtree(folder)
-    seconds = kept["seconds"] + time.monotonic() - began
-    given.results.parent.mkdir(parents=True, exist_ok=True)
-    given.results.write_text(json.dumps({"seconds": seconds, "results": results}, ensure_ascii=False, indent=1))
+    seconds = kept["seconds"] + spent() - already
+    keep(given.results, seconds, results)
     told = report(results, Counter(one.room for one in found), given.seed, seconds)
     print(told)
     if given.write:

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, MutableMapping, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
 
@@ -27,6 +27,10 @@ OUTSIDE = {
     errno.ENAMETOOLONG: "Shorten the path",
     errno.ELOOP: "Correct the links on the path",
 }
+
+
+# Who names a number of threads means it, for OpenBLAS too.
+COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS")
 
 
 class _Version(argparse.Action):
@@ -103,6 +107,9 @@ def _main(given: list[str]) -> int:
     # The others need not be asked what they take.
     verb = next((word for word in given if not word.startswith("-")), "")
     parsed = parser(verb).parse_args(given)
+    # What is timed has the threads that it is told.
+    if parsed.verb != "bench":
+        _threads_sleep_while_they_wait(os.environ)
 
     from torchplate.cli.config import InputError
     from torchplate.cli.machine.ranks import Ended
@@ -133,6 +140,17 @@ def _main(given: list[str]) -> int:
         print(error, file=sys.stderr)
         return 1
     return 0
+
+
+def _threads_sleep_while_they_wait(environment: MutableMapping[str, str]) -> None:
+    """Matrices here are small, and threads that wait for the next one keep a core busy which others need.
+
+    OpenBLAS, which SciPy calls, gets one thread; torch keeps all of its own, which sleep between two pieces of work.
+    The libraries read this once, as they are imported. What the user has set stays.
+    """
+    if not any(name in environment for name in COUNTS):
+        environment["OPENBLAS_NUM_THREADS"] = "1"
+    environment.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def _is_out_of_memory(error: Exception) -> bool:
