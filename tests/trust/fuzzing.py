@@ -25,6 +25,10 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+# It is run as a script, beside which its neighbour lies; where tests are collected, that is on no path.
+sys.path.insert(0, str(Path(__file__).parent))
+import figures
+
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 SECONDS, ROOM = 10.0, 2**30
@@ -442,6 +446,7 @@ def main() -> int:
     parser.add_argument("--mutations", type=int, default=20_000, help="at least so many files (default: 20000)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="+", help="names of the corpus")
+    parser.add_argument("--write", action="store_true", help="put the figures onto docs/verification.md")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     folder = Path(tempfile.mkdtemp(prefix="fuzzing_"))
@@ -477,11 +482,15 @@ def main() -> int:
     kinds = Counter("finding" if "finding" in line["outcome"] else line["outcome"] for line in cases)
     peak = max((line["peak"] for line in lines if "peak" in line), default=0)
     slowest = max((line["seconds"] for line in cases), default=0.0)
-    print(
+    told = (
         f"{len(named)} mutated files, {len(cases)} readings: {kinds['refused']} refused in one sentence, "
         f"{kinds['read']} read, {sum(findings.values())} findings; slowest {slowest:.2f} s, "
         f"a reading takes {peak / 2**20:.0f} MiB at most"
     )
+    print(told)
+    if given.write:
+        command = f"tests/trust/fuzzing.py --mutations {given.mutations} --seed {given.seed}"
+        figures.put("mutated files", command, told)
     return int(bool(findings))
 
 

@@ -2,10 +2,11 @@
 
     python tests/trust/killing.py --verb run --kills 50
 
-Each time a command is killed at a moment drawn evenly over the time it takes, or, every third time, inside the writing
-of a file: half of it written, or all of it and not yet on the disk. It is then resumed, which every second time is
-killed again, until it ends. Counted are: whether it ended as the undisturbed one, to the last digit; what was left in
-the folder, where every file has to be whole; and whatever was said otherwise.
+Each time a command is killed at a moment drawn evenly over the seconds of the processor it takes, or, every third
+time, inside the writing of a file: half of it written, or all of it and not yet on the disk. It is then resumed, which
+every second time is killed again, until it ends. Counted are: whether it ended as the undisturbed one, to the last
+digit; what was left in the folder, where every file has to be whole; and whatever was said otherwise. `--write` puts
+the figures onto docs/verification.md.
 """
 
 import argparse
@@ -24,12 +25,14 @@ from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 
+# Before torch is imported, which reads it once.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 # It is run as a script, beside which its neighbour lies; where tests are collected, that is on no path.
 sys.path.insert(0, str(Path(__file__).parent))
 import digests
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+import figures
 
 PLATE = {
     "effects": {
@@ -53,12 +56,14 @@ class Trial:
 
     Attributes:
         kills: how often.
+        in_writing: how many of them inside the writing of a file.
         same: whether it ended as the undisturbed one.
         went_on: how each resumption began.
         wrong: what ought not to be, a sentence each.
     """
 
     kills: int = 0
+    in_writing: int = 0
     same: bool = False
     went_on: list[str] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
@@ -76,15 +81,18 @@ class Killing:
 
     def __init__(self, verb: str, folder: Path, seed: int, n_generation: int | None = None) -> None:
         self.verb, self.folder, self.draw, self.n_generation = verb, folder, random.Random(seed), n_generation
+        self.spent = 0.0
         status, said = self._forked(self._measure)
         assert status == 0, said
         self.configs = [self._config(name) for name in (SEARCHES if verb == "run" else ["differential_evolution"])]
-        self.whole, self.seconds = {}, {}
+        self.whole, self.seconds, self.writings = {}, {}, {}
         for config in self.configs:
-            out, began = folder / f"whole_{config.stem}", time.monotonic()
-            status, said = self.command(config, out)
+            out = folder / f"whole_{config.stem}"
+            counts = folder / f"writings_{config.stem}"
+            status, said = self.command(config, out, armed=counted(counts))
             assert status == 0, said
-            self.whole[config], self.seconds[config] = ending(verb, out), time.monotonic() - began
+            self.writings[config] = counts.stat().st_size
+            self.whole[config], self.seconds[config] = ending(verb, out), self.spent
 
     def _measure(self) -> int:
         """Write the measurement: the true plate's exact FRFs; for a diagnosis a mass is hidden on it."""
@@ -102,8 +110,10 @@ class Killing:
             truth["measurement"] = {"band": [0.0, 400.0]}
         path = self.folder / "truth.yaml"
         path.write_text(json.dumps(truth))
-        model, response, reference = load_model(path), (4, 7), (1, 6, 10)
-        frequency = torch.linspace(8.0, 300.0, 60, dtype=torch.float64)
+        model, response, reference = load_model(path), (4, 7), (1, 6, 10) if self.verb == "run" else (1, 10)
+        # A diagnosis of four FRFs at few lines still descends, settles on a finer mesh and writes its report.
+        last, n_line = (300.0, 60) if self.verb == "run" else (150.0, 24)
+        frequency = torch.linspace(8.0, last, n_line, dtype=torch.float64)
         frf = model.frf(model.known.new_zeros(0), frequency, list(response), list(reference), "accelerance")
         noise = torch.view_as_complex(torch.randn(*frf.shape, 2, generator=torch.Generator().manual_seed(3)).double())
         Measurement(
@@ -156,7 +166,7 @@ class Killing:
         return self.folder / f"{out.name}.descents"
 
     def _forked(self, call: Callable[[], int], killed_after: float | None = None) -> tuple[int, str]:
-        said = self.folder / "said.txt"
+        said, began = self.folder / "said.txt", time.monotonic()
         child = os.fork()
         if child == 0:
             status = 1
@@ -168,10 +178,16 @@ class Killing:
                     file.write(f"Traceback: {error!r}\n")
             finally:
                 os._exit(status)
-        if killed_after is not None:
-            time.sleep(killed_after)
-            os.kill(child, signal.SIGKILL)
-        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), said.read_text()
+        ended = 0
+        while killed_after is not None and not ended:
+            if spent_by(child, began) >= killed_after:
+                os.kill(child, signal.SIGKILL)
+                break
+            time.sleep(0.02)
+            ended = os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+        _, status, used = os.wait4(child, 0)
+        self.spent = used.ru_utime + used.ru_stime
+        return os.waitstatus_to_exitcode(status), said.read_text()
 
     def trial(self, place: int) -> Trial:
         """Kill one command and resume it until it ends."""
@@ -182,10 +198,7 @@ class Killing:
             last = found.kills > 1 or (found.kills == 1 and place % 2 == 0)
             moment, armed = None, int
             if not last and place % 3 == 2:
-                armed = in_a_write(
-                    self.draw.randrange(2 if self.verb == "run" else 1, 60 if self.verb == "run" else 6),
-                    self.draw.random() < 0.5,
-                )
+                armed = in_a_write(self.draw.randint(1, self.writings[config]), self.draw.random() < 0.5)
             elif not last:
                 moment = self.draw.uniform(0.0, self.seconds[config])
             status, said = self.command(config, out, *others, killed_after=moment, armed=armed)
@@ -195,6 +208,7 @@ class Killing:
                 found.wrong.append(said[said.index("Traceback") :])
                 break
             found.kills += status == -signal.SIGKILL
+            found.in_writing += status == -signal.SIGKILL and moment is None
             found.wrong += not_whole(out)
             if status == 0:
                 break
@@ -215,26 +229,54 @@ class Killing:
         return found
 
 
+def spent_by(child: int, began: float) -> float:
+    """Seconds of the processor that a process has taken; where no system tells them, those of the clock."""
+    try:
+        words = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return time.monotonic() - began
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def in_a_write(nth: int, half: bool) -> Callable[[], None]:
     """Kills its own process in the nth writing of a file: with half of it written, or before it takes its name."""
+    count = iter(range(1, 1_000_000))
 
-    def arm() -> None:
-        from torchplate.cli.folder import writing
+    def killed(path: Path, content: bytes) -> None:
+        if next(count) == nth:
+            with _writing().whole(path) as partial:
+                partial.write_bytes(content[: len(content) // 2] if half else content)
+                os.kill(os.getpid(), signal.SIGKILL)
 
-        count, own = iter(range(1, 1_000_000)), writing.write_bytes
+    return lambda: _before_each_write(killed)
 
-        def write_bytes(path: Path, content: bytes) -> None:
-            if next(count) == nth:
-                with writing.whole(path) as partial:
-                    partial.write_bytes(content[: len(content) // 2] if half else content)
-                    os.kill(os.getpid(), signal.SIGKILL)
-            own(path, content)
 
-        for name in ("folder.writing", "progress.log", "folder.descents"):
-            module = __import__(f"torchplate.cli.{name}", fromlist=["write_bytes"])
-            module.write_bytes = write_bytes
+def counted(file: Path) -> Callable[[], None]:
+    """Adds a byte to a file for each writing of another."""
 
-    return arm
+    def one_more(*_: object) -> None:
+        with file.open("ab") as counts:
+            counts.write(b".")
+
+    return lambda: _before_each_write(one_more)
+
+
+def _before_each_write(act: Callable[[Path, bytes], None]) -> None:
+    own = _writing().write_bytes
+
+    def write_bytes(path: Path, content: bytes) -> None:
+        act(path, content)
+        own(path, content)
+
+    for name in ("folder.writing", "progress.log", "folder.descents"):
+        module = __import__(f"torchplate.cli.{name}", fromlist=["write_bytes"])
+        module.write_bytes = write_bytes
+
+
+def _writing() -> ModuleType:
+    from torchplate.cli.folder import writing
+
+    return writing
 
 
 def how(said: str) -> str:
@@ -284,10 +326,10 @@ def not_whole(out: Path) -> list[str]:
 
 
 def often_kept() -> None:
-    """A diagnosis of seconds keeps its descents as often as one of minutes."""
+    """A diagnosis of seconds keeps its descents as often as one of minutes: after each."""
     from torchplate.cli.folder import descents
 
-    descents.EVERY = 0.3
+    descents.EVERY = 0.0
 
 
 def without_rendering() -> None:
@@ -295,9 +337,11 @@ def without_rendering() -> None:
     import torchplate.cli.progress.log
     import torchplate.cli.verbs.diagnose
     import torchplate.cli.verbs.run
+    import torchplate.report.diagnosis
     import torchplate.report.page
     import torchplate.report.run
 
+    torchplate.report.diagnosis.png = lambda *_: b"\x89PNG\r\n\x1a\n"  # type: ignore[assignment]
     torchplate.report.run.png = lambda *_: b"\x89PNG\r\n\x1a\n"  # type: ignore[assignment]
     torchplate.report.page._picture = lambda _: ""  # type: ignore[assignment]
     torchplate.cli.progress.log.log_figures = lambda *_: {}  # type: ignore[assignment]
@@ -309,6 +353,7 @@ def main() -> int:
     parser.add_argument("--verb", choices=["run", "diagnose"], default="run")
     parser.add_argument("--kills", type=int, default=50, help="at least so many (default: 50)")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--write", action="store_true", help="put the figures onto docs/verification.md")
     parser.add_argument("--generations", type=int, help="of the searches (default: 120 and 80)")
     given = parser.parse_args()
     without_rendering()
@@ -318,7 +363,10 @@ def main() -> int:
     warnings.simplefilter("ignore")
     folder = Path(tempfile.mkdtemp(prefix="killing_"))
     killing = Killing(given.verb, folder, given.seed, given.generations)
-    times = ", ".join(f"{config.stem} {seconds:.1f} s" for config, seconds in killing.seconds.items())
+    times = ", ".join(
+        f"{config.stem} {seconds:.1f} s of the processor, {killing.writings[config]} files written"
+        for config, seconds in killing.seconds.items()
+    )
     print(f"{given.verb}, undisturbed: {times}; {digests.machine()}", flush=True)
     trials: list[Trial] = []
     while sum(trial.kills for trial in trials) < given.kills:
@@ -329,6 +377,11 @@ def main() -> int:
     print(f"{kills} kills of {len(trials)} commands: {same} ended as the undisturbed one, to the last digit")
     for what, count in sorted(Counter(one for trial in trials for one in trial.went_on).items()):
         print(f"  {count} resumptions: {what}")
+    if given.write:
+        in_writing = sum(trial.in_writing for trial in trials)
+        command = f"tests/trust/killing.py --verb {given.verb} --kills {given.kills} --seed {given.seed}"
+        found = f"{kills} kills of {len(trials)} commands, {in_writing} of them inside the writing of a file: {same}"
+        figures.put(f"killing of `{given.verb}`", command, f"{found} ended as the undisturbed one, to the last digit")
     if same == len(trials):
         shutil.rmtree(folder)
         return 0
