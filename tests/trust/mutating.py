@@ -373,10 +373,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--mutants", type=int, default=400, help="drawn of all (default: 400)")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, default=60.0, help="begin no mutant after these (default: 60)")
+    parser.add_argument(
+        "--minutes", type=float, default=60.0, help="of the processor: begin no mutant after these (default: 60)"
+    )
     parser.add_argument(
         "--again", type=Path, metavar="RESULTS", help="begin with this file, and try its survivors again"
     )
+    parser.add_argument("--resume", action="store_true", help="go on from what --results holds of the same commit")
     parser.add_argument("--room", choices=ROOMS, help="with --again: of this room alone")
     parser.add_argument("--files", nargs="+", default=[], help="with --again: in these files of the package alone")
     parser.add_argument("--tests", nargs="+", default=[], help="with --again: ask these files of tests, whole")
@@ -385,18 +388,20 @@ def main() -> int:
     given = parser.parse_args()
     already, found = spent(), every()
     drawn = sample(found, given.mutants, given.seed)
-    kept = json.loads(given.again.read_text()) if given.again else {"seconds": 0.0, "results": []}
-    before = {one["key"]: one["by"] for one in kept["results"]}
-    results: list[dict] = []
+    source = given.again or (given.results if given.resume and given.results.exists() else None)
+    kept = json.loads(source.read_text()) if source else {"seconds": 0.0, "results": []}
+    before = {} if given.resume else {one["key"]: one["by"] for one in kept["results"]}
+    results: list[dict] = kept["results"] if given.resume else []
+    assert [one["key"] for one in results] == [one.key for one in drawn[: len(results)]], "another commit or seed"
     folder = Path(tempfile.mkdtemp(prefix="mutating_"))
     try:
         driver = Driver(folder)
         calls = {} if given.tests or not given.minutes else driver.calls()
         print(f"{len(found)} mutants; {spent() - already:.0f} s", flush=True)
-        for mutant in drawn:
+        for mutant in drawn[len(results) :]:
             late, by = spent() - already > 60 * given.minutes, before.get(mutant.key)
             elsewhere = given.room not in (None, mutant.room) or (given.files and mutant.file not in given.files)
-            if by is None and (late or given.again):
+            if (late and not given.again) or (given.again and by is None):
                 break
             if not by and not late and not elsewhere:
                 by = driver.outcome(mutant, calls, given.tests)

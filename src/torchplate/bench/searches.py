@@ -1,4 +1,4 @@
-"""The searches beside those of other packages: evaluations to a target, whether they differ by chance, and seconds.
+"""The searches beside those of other packages: evaluations to a target, whether they differ by chance, and times.
 
 Each algorithm has the same members, the same problems and the same number of seeds. SciPy is always there; pymoo, pygmo
 (pagmo) and evosax take part where they are installed, and the table says so where they are not. Ours are all seeds of a
@@ -234,8 +234,9 @@ def searches() -> str:
     lines = [
         f"Median evaluations to the target over {N_SEED} seeds, to the end of a generation of {N_MEMBER} members; F",
         "and CR 0.8. p is of the rank-sum test (Mann and Whitney, two-sided) that ours and theirs are alike. A search",
-        f"that has not met the target counts as {N_EVALUATION} evaluations. Milliseconds are of one search: ours of",
-        "all seeds in one batch over their number, theirs the median of one after another.",
+        f"that has not met the target counts as {N_EVALUATION} evaluations. Milliseconds are of one search",
+        "on the processor, which others on the machine do not lengthen: ours of all seeds in one batch over their",
+        "number, theirs the median of one after another.",
         "",
         "| problem | algorithm | ours | met | ms | package | theirs | met | ms | p |",
         "|---|---|---|---|---|---|---|---|---|---|",
@@ -243,9 +244,9 @@ def searches() -> str:
     known: dict[tuple[str, str], tuple[list[int], float]] = {}
     for problem in PROBLEMS:
         for algorithm, optimizer, peers in GROUPS:
-            began = time.perf_counter()
+            began = time.process_time()
             evaluations = ours(problem, optimizer)
-            own = evaluations, (time.perf_counter() - began) / N_SEED
+            own = evaluations, (time.process_time() - began) / N_SEED
             for package, module, run in peers:
                 head = f"| {problem.name} | {algorithm} | {_told(own)} | {package} |"
                 if importlib.util.find_spec(module) is None:
@@ -263,9 +264,9 @@ def _timed(run: Callable[[Problem, int], Counted], problem: Problem) -> tuple[li
     """Evaluations of each seed, and the median of their seconds: what is compiled at the first is no part of it."""
     met, taken = [], []
     for seed in range(N_SEED):
-        began = time.perf_counter()
+        began = time.process_time()
         met.append(run(problem, seed).met)
-        taken.append(time.perf_counter() - began)
+        taken.append(time.process_time() - began)
     return met, float(np.median(taken))
 
 
