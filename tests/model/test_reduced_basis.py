@@ -1,5 +1,7 @@
 """The reduced basis says the same as the full model wherever it is offered, or is not offered."""
 
+import math
+
 import pytest
 import torch
 
@@ -315,6 +317,8 @@ def test_any_two_parameters_take_all_pairs_of_ends():
     for n in (1, 2, 3, 5, 8):
         design = reduced_basis.two_level_design(n)
         assert sorted(design.unique().tolist()) == [0.0, 1.0]
+        # No more corners than that takes: twice the power of two that holds so many columns.
+        assert len(design) == 2 * 2 ** math.ceil(math.log2(n))
         for first in range(n):
             for second in range(first):
                 pairs = {tuple(pair) for pair in design[:, [first, second]].tolist()}
