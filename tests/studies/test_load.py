@@ -4,9 +4,9 @@ import argparse
 
 import pytest
 
-from torchplate.bench import PAGE, put
+from torchplate.bench import PAGE, between
 from torchplate.studies import load
-from torchplate.studies.load import ENDS, FLAT, PARTS, Line, table
+from torchplate.studies.load import ENDS, FLAT, PARTS, Line, with_line
 
 FEW = argparse.Namespace(runs=2, evaluations=300)
 
@@ -32,8 +32,13 @@ def test_memory_that_grows_is_not_kept_and_one_that_stays_is(monkeypatch):
         assert f"{100 * growth:+.1f} %" in line.kept
 
 
-def test_the_table_says_what_was_not_kept_and_has_its_place_on_the_page():
-    told = table([Line("one", 2.0, 0.5, "x", True), Line("two", 3.0, 0.25, "y", False)])
-    assert "| one | 2 | 0.50 | x: kept |" in told
-    assert "| two | 3 | 0.25 | y: **not kept** |" in told
-    assert told in put(PAGE.read_text(), ENDS, told)
+def test_a_line_takes_the_place_of_what_was_measured_of_the_same_work_and_others_stay():
+    page = PAGE.read_text()
+    for line in (Line("1,000 sheets: flat", 9.0, 1.0, "z", True), Line("two", 3.0, 0.25, "y", False)):
+        page = with_line(page, line)
+    rows = between(page, ENDS).splitlines()
+    page = with_line(page, Line("20 sheets: bent", 2.0, 0.5, "x", True))
+    assert "| two | 3 | 0.25 | y: **not kept** |" in page
+    now = between(page, ENDS).splitlines()
+    assert now[:-2] == rows[:-2]
+    assert now[-2:] == ["| 20 sheets: bent | 2 | 0.50 | x: kept |", "| two | 3 | 0.25 | y: **not kept** |"]

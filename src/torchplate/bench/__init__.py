@@ -20,7 +20,7 @@ Each part is run in a process of its own, by `torchplate bench`, so that the num
 from torchplate.bench.generation import generation, memory
 from torchplate.bench.gradient import gradient
 from torchplate.bench.identification import identification
-from torchplate.bench.marked_page import PAGE, put
+from torchplate.bench.marked_page import PAGE, between, put
 from torchplate.bench.problem import KNOWN, LINES, SEARCHED, TRUTH, members, paper_model
 from torchplate.bench.slopes import slopes
 from torchplate.bench.timing import peak_memory
@@ -31,6 +31,7 @@ __all__ = [
     "PAGE",
     "SEARCHED",
     "TRUTH",
+    "between",
     "generation",
     "gradient",
     "identification",

@@ -1,18 +1,20 @@
 """`python -m torchplate.studies.load`: time and memory of large work, each line in a process of its own.
 
-It prints the table of load on docs/verification.md; `--write` puts it there. `--only NAME` measures some lines alone,
-`--runs` and `--evaluations` take less where a machine is slow; the table says of how many. Peak memory is that of the
-whole process, Python and torch included.
+It prints the lines of the table of load on docs/verification.md; `--write` puts each there as soon as it is measured,
+and leaves the others. `--only NAME` measures some lines alone, `--runs` and `--evaluations` take less where a machine
+is slow; the table says of how many. Seconds are of the processor, which others on the machine do not lengthen. Peak
+memory is that of the whole process, Python and torch included.
 """
 
 import argparse
 import gc
 import json
+import re
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +22,7 @@ from typing import NamedTuple
 import torch
 from rich.console import Console
 
-from torchplate.bench import KNOWN, LINES, PAGE, SEARCHED, TRUTH, members, paper_model, peak_memory, put
+from torchplate.bench import KNOWN, LINES, PAGE, SEARCHED, TRUTH, between, members, paper_model, peak_memory, put
 from torchplate.cli.verbs.run import run
 from torchplate.diagnosis import diagnose
 from torchplate.effects import Effect, HystereticDamping, Plate, PointMass, SupportSpring
@@ -44,7 +46,7 @@ class Line(NamedTuple):
 
     Attributes:
         what: was done.
-        seconds: that it took, preparation included.
+        seconds: of the processor that it took, preparation included.
         peak_gib: the most memory that the process held [GiB].
         kept: what it was to keep to, and whether it did.
         held: whether it did.
@@ -66,7 +68,7 @@ def in_sequence(n_run: int) -> Line:
     """So many runs of a small plate in one process: memory after the last against that after the first ones."""
     plate = {"effect": "plate", "youngs_modulus": 2.04e11, "poisson_ratio": 0.31, "density": 7700.0, "thickness": 3e-3}
     truth = {"mesh": {"length_x": 0.41, "length_y": 0.29, "n_x": 4, "n_y": 3}, "effects": {"plate": plate}}
-    began, levels = time.perf_counter(), []
+    began, levels = time.process_time(), []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plate.yaml"
         path.write_text(json.dumps(truth))
@@ -87,14 +89,14 @@ def in_sequence(n_run: int) -> Line:
     what = f"{n_run} runs in one process, report and TensorBoard log each"
     runs = f"from run {min(N_WARM, n_run // 2)} to run {n_run}"
     kept = f"memory {percent(grown, decimals=1, signed=True)} {runs}, {percent(FLAT)} allowed"
-    return Line(what, time.perf_counter() - began, peak_memory(), kept, grown <= FLAT)
+    return Line(what, time.process_time() - began, peak_memory(), kept, grown <= FLAT)
 
 
 @torch.no_grad()
 def evaluations(n: int) -> Line:
     """So many evaluations of the paper's problem, in populations of 1,000."""
     model = _reduced(paper_model(), LINES)
-    began, done, warm, level = time.perf_counter(), 0, 0, 0.0
+    began, done, warm, level = time.process_time(), 0, 0, 0.0
     while done < n:
         model.frf(members(model, min(1000, n - done), seed=done), LINES)
         done += min(1000, n - done)
@@ -103,14 +105,14 @@ def evaluations(n: int) -> Line:
     grown = peak_memory() / level - 1
     kept = f"peak {percent(grown, decimals=1, signed=True)} after the first {warm:,}, {percent(FLAT)} allowed"
     what = f"{n:,} evaluations of 6 FRFs × 800 lines"
-    return Line(what, time.perf_counter() - began, peak_memory(), kept, grown <= FLAT)
+    return Line(what, time.process_time() - began, peak_memory(), kept, grown <= FLAT)
 
 
 @torch.no_grad()
 def at_once() -> Line:
     """All members of a large population in one call: what a model may take of memory, and the result, hold it."""
     model = _reduced(paper_model(), LINES)
-    before, began = peak_memory(), time.perf_counter()
+    before, began = peak_memory(), time.process_time()
     frf = model.frf(members(model, N_MEMBER), LINES)
     return _budgeted(f"{N_MEMBER:,} members at once, 6 FRFs × 800 lines", model, frf, before, began)
 
@@ -120,7 +122,7 @@ def every_frf() -> Line:
     """All nodes of the paper's test at 3,200 lines."""
     grid = Mesh(0.48, 0.48, 10, 10)
     model = _plate(grid, [3], list(range(1, EVERY_NODE + 1)))
-    before, began = peak_memory(), time.perf_counter()
+    before, began = peak_memory(), time.process_time()
     frf = model.frf(torch.zeros(0, dtype=torch.float64), FINE_LINES)
     return _budgeted(f"{EVERY_NODE} FRFs × {len(FINE_LINES):,} lines", model, frf, before, began)
 
@@ -128,7 +130,7 @@ def every_frf() -> Line:
 @torch.no_grad()
 def fine_mesh() -> Line:
     """The paper's problem on 100 × 100 elements: its basis, and a generation in that."""
-    began, model = time.perf_counter(), paper_model(100)
+    began, model = time.process_time(), paper_model(100)
     before = peak_memory()
     frf = _reduced(model, LINES).frf(members(model), LINES)
     return _budgeted(
@@ -155,7 +157,7 @@ def diagnosis_of_every_frf() -> Line:
         SI_UNIT["accelerance"],
     )
     model = PlateModel(grid, _effects(), KNOWN, SEARCHED, [3], nodes, "accelerance")
-    before, began = peak_memory(), time.perf_counter()
+    before, began = peak_memory(), time.process_time()
     found = diagnose(model, measurement)
     names = [one.name for one in found.effects if one.name != "mesh_discretisation"]
     line = _budgeted(f"diagnosis of {EVERY_NODE} FRFs × {len(lines)} lines", model, frf, before, began)
@@ -183,7 +185,7 @@ def _budgeted(what: str, model: PlateModel, frf: torch.Tensor, before: float, be
     """Whether what was taken is within the model's own budget, the result beside it."""
     taken, allowed = peak_memory() - before, (model.memory + frf.nbytes) / 2**30
     kept = f"{taken:.2f} GiB beyond the start, {allowed:.2f} allowed"
-    return Line(what, time.perf_counter() - began, peak_memory(), kept, taken <= allowed)
+    return Line(what, time.process_time() - began, peak_memory(), kept, taken <= allowed)
 
 
 def _nobody() -> Console:
@@ -218,10 +220,18 @@ def measured(name: str, told: argparse.Namespace) -> Line:
     return Line(**json.loads(done.stdout.splitlines()[-1]))
 
 
-def table(lines: Sequence[Line]) -> str:
-    """All of them in Markdown."""
-    head = ["| work | seconds | peak [GiB] | held against |", "|---|---|---|---|"]
-    return "\n".join([*head, *(line.cells() for line in lines)])
+def with_line(page: str, line: Line) -> str:
+    """The page with one line anew, whatever its numbers were; those of other work stay."""
+    head = ["| work | seconds of the processor | peak [GiB] | held against |", "|---|---|---|---|"]
+    rows = between(page, ENDS).splitlines()[len(head) :]
+    new = line.cells()
+    kept = [new if _work(row) == _work(new) else row for row in rows]
+    return put(page, ENDS, "\n".join([*head, *kept, *([] if new in kept else [new])]))
+
+
+def _work(row: str) -> str:
+    """What a row is of, without its numbers and what was found."""
+    return re.sub(r"[\d,]+", "", row.split("|")[1].split(":")[0])
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -230,7 +240,7 @@ def main(arguments: list[str] | None = None) -> int:
     words.add_argument("--only", choices=PARTS, nargs="+", default=list(PARTS), help="these lines alone")
     words.add_argument("--runs", type=int, default=N_RUN, help=f"in sequence (default: {N_RUN})")
     words.add_argument("--evaluations", type=int, default=N_EVALUATION, help=f"default: {N_EVALUATION}")
-    words.add_argument("--write", action="store_true", help=f"put the table into {PAGE.name}")
+    words.add_argument("--write", action="store_true", help=f"put each line into {PAGE.name}")
     words.add_argument("--part", choices=PARTS, help=argparse.SUPPRESS)
     told = words.parse_args(arguments)
     if told.part is not None:
@@ -240,8 +250,8 @@ def main(arguments: list[str] | None = None) -> int:
     for name in told.only:
         lines.append(measured(name, told))
         print(lines[-1].cells(), flush=True)
-    if told.write:
-        PAGE.write_text(put(PAGE.read_text(), ENDS, table(lines)))
+        if told.write:
+            PAGE.write_text(with_line(PAGE.read_text(), lines[-1]))
     return 0 if all(line.held for line in lines) else 1
 
 
