@@ -14,7 +14,7 @@ from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.selection import forward
+from torchplate.diagnosis.selection import forward, ranking
 from torchplate.diagnosis.selection.criterion import choose
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.ranking import Ranking
@@ -446,6 +446,39 @@ def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(
     before = scene.builder.n_evaluation
     finer.count(3)
     assert scene.builder.n_evaluation == before + 3
+
+
+@torch.no_grad()
+@pytest.mark.check
+@pytest.mark.parametrize("promised", [5.0, 9.0])
+@pytest.mark.parametrize("little", [True, False], ids=["noise is left", "more is left"])
+def test_what_shows_in_the_noise_has_to_show_on_a_finer_mesh_before_anything_is_refitted(
+    lab, monkeypatch, little, promised
+):
+    scene, looked = lab.Scene(), []
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    here, finer = scene.builder.mesh.n_element, selection._on_a_finer_mesh(scene.state).mesh.n_element
+    nothing, candidate = torch.zeros(0), scene.candidate("point_mass")
+    promise = Scored(candidate, "point_mass", scene.state.model, 0.0, {}, torch.full((1, 5), 0.5), nothing, nothing)
+
+    def nearby(self, state, _base, _everyone, by_mesh=0.0):
+        looked.append(self.builder.mesh.n_element)
+        return [promise._replace(drop=(9.0 if looked == [here] else promised) / state.fit.square)], 7.0
+
+    for module in (forward, ranking):
+        monkeypatch.setattr(module, "is_noise", lambda _: little)
+    monkeypatch.setattr(Ranking, "_nearby", nearby)
+    refitted = []
+    monkeypatch.setattr(Ranking, "_refitted", lambda _self, _state, chosen, *_, **__: refitted.extend(chosen) or [])
+    ranked = selection.ranking.at(scene.state)
+    assert looked == [here, finer][: 1 + little]
+    assert bool(refitted) == (promised > 7 or not little)
+    assert len(ranked.promises) == 1
+    # What was named already is not asked again here.
+    looked.clear()
+    named = replace(scene.state, named=(None,))
+    selection.ranking.at(named)
+    assert looked == [here]
 
 
 @torch.no_grad()

@@ -36,10 +36,18 @@ class Ranking:
         prior: what is known of the given model's parameters beforehand.
         channels: what was measured.
         say: is told what is being tried.
+        finer: the catalogue beside a model that leaves noise, scored on a finer mesh, where it promises nothing.
     """
 
-    def __init__(self, builder: ModelBuilder, prior: Prior, channels: Channels, say: Callable[[str], None]) -> None:
-        self.builder, self.prior, self.channels, self.say = builder, prior, channels, say
+    def __init__(
+        self,
+        builder: ModelBuilder,
+        prior: Prior,
+        channels: Channels,
+        say: Callable[[str], None],
+        finer: Callable[[State], Ranked | None] = lambda _: None,
+    ) -> None:
+        self.builder, self.prior, self.channels, self.say, self.finer = builder, prior, channels, say, finer
         self.settings = builder.target.settings
         self.refits, self.afar = Refits(builder, prior, say), FromAfar(builder, prior)
         self.grounded, self.instead = Grounded(builder, self.refits), Instead(builder, prior, self.refits)
@@ -74,6 +82,8 @@ class Ranking:
             # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
             best = promises[0].drop * state.fit.square if promises else 0.0
             no_more = is_noise(state.fit) and best <= by_chance
+            if is_noise(state.fit) and not no_more and not state.named and (scored := self.finer(state)) is not None:
+                return scored
             wanted = (0 if state.named else 1) if no_more else screening.n_sharp
             near = promising(promises, wanted, screening)
             chosen = [(one, one.starts) for one in near]
@@ -216,7 +226,7 @@ class Ranking:
         if best is None or math.isinf(best.way):
             return NOBODY
         settings = self.settings.selecting
-        near = settings.close + settings.close_part * best.square + _never(best)
+        near = settings.close + best.worth(settings.close_part) + _never(best)
         part = settings.explains_some
         pairs = (best.way, state.fit.way), (best.cost, state.fit.cost)
         return Beat(*(here + max(near, part * (before - here)) for here, before in pairs))
@@ -292,7 +302,7 @@ class Ranking:
             least = found[0].cost
             # Beside a specimen that is fitted too, ways to one end agree to a few.
             fitted_too = self.builder.target.wandering != UNIFORM
-            apart = settings.close + settings.close_part * found[0].fit.square
+            apart = settings.close + found[0].fit.worth(settings.close_part)
             within = _never(found[0].fit) if fitted_too else apart
             close = [one for one in found if one.cost - least < within]
             if not is_noise(found[0].fit) and not fitted_too:
