@@ -282,19 +282,6 @@ def test_those_go_on_that_gained_a_quarter_of_what_the_best_did(scene):
 
 
 @torch.no_grad()
-def test_a_part_of_a_misfit_is_worth_what_it_takes_from_the_likelihood(lab):
-    """−2 ln L at the scale of the noise that is found, n ln κ² + S/κ²: a part p of S takes n ln(1 − p)."""
-    fit = lab.Scene(hidden={"gain": 1.0}).fit
-    marginal, part = fit.marginal, 0.01
-    for far in (1.0, 30.0):
-        n_number = marginal.over_noise(fit.expected).shape[-1]
-        residual = far * torch.randn(n_number, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
-        before, after = (marginal.judge(one) for one in (residual, (1 - part) ** 0.5 * residual))
-        worth = fit._replace(judged=before).worth(part)
-        assert worth == pytest.approx(before.cost - after.cost, rel=0.1)
-
-
-@torch.no_grad()
 def test_what_has_no_number_to_be_fitted_has_no_twin(lab, monkeypatch):
     scene = lab.Scene(hidden={"gain": 1.5})
     turned = scene.hypothesis("sensor_gain")

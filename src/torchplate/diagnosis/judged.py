@@ -78,13 +78,6 @@ class Fit(NamedTuple):
         """Their sum of squares."""
         return self.judged.white * self.judged.n
 
-    def worth(self, part: float) -> float:
-        """What a part of the sum of squares is in −2 ln L, beside noise as large as it is found.
-
-        Far above the noise a sum of squares says of every number how far off it is, and −2 ln L only by which factor.
-        """
-        return part * self.square / max(1.0, self.judged.noise_scale**2)
-
     @property
     def cost(self) -> float:
         """−2 ln of the likelihood times what is known beforehand, up to a constant of the measurement."""

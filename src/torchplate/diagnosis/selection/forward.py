@@ -168,7 +168,7 @@ class ForwardSelection:
         def again(model: PlateModel, before: Fit, wide: bool) -> Fit:
             """What has no end near that of the same on a finer mesh is not followed to it."""
             start, settings = before.model.space.to_cube(before.theta)[None], builder.target.settings
-            near = settings.selecting.close + before.worth(settings.selecting.close_part)
+            near = settings.selecting.close + settings.selecting.close_part * before.square
             limit, beat = settings.searching.hopeless * before.square, Beat(before.way + near, before.cost + near)
             return fit(builder, model, start, self.prior, wide, limit, known_section(before), beat=beat)
 
@@ -301,9 +301,7 @@ class ForwardSelection:
             coarse: the state on the mesh where effects are looked for.
             fine: where the last models are settled.
         """
-        builder = self._on_a_finer_mesh(fine)
-        finer = ForwardSelection(builder, self.prior, self.say)
-        scored = finer.ranking.scored(fine, self._left_by_mesh(coarse, fine, builder))
+        scored = self.ranking.scored(fine, self._left_by_mesh(coarse, fine, self._on_a_finer_mesh(fine)))
         more = bool(scored.promises) and scored.promises[0].drop * fine.fit.square > scored.by_chance
         return None if more else scored
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -53,15 +54,19 @@ class Ranking:
         self.grounded, self.instead = Grounded(builder, self.refits), Instead(builder, prior, self.refits)
         self._far: set[str] = set()
 
-    def scored(self, state: State, by_mesh: float) -> Ranked:
-        """Score the whole catalogue, where little is left, and refit nothing.
+    def scored(self, fine: State, by_mesh: float) -> Ranked:
+        """Score the whole catalogue beside a state on a finer mesh, where little is left, and refit nothing.
+
+        What is left is that mesh's; what candidates would change of it, a difference, is known well enough on this one.
 
         Args:
-            state: beside which.
-            by_mesh: sum of squares that the mesh may have left.
+            fine: beside which.
+            by_mesh: sum of squares that the finer mesh may have left.
         """
+        model = self.builder.corrected(fine.fit.model, fine.fit.theta).model
+        state = replace(fine, fit=fine.fit._replace(model=model))
         base, everyone = self._catalogue_beside(state)
-        promises, by_chance = self._nearby(state, base, everyone, by_mesh)
+        promises, by_chance = self._nearby(state, base, everyone, by_mesh, fine.fit.expected)
         return Ranked(tuple(promises), (), by_chance)
 
     def at(self, state: State) -> Ranked:
@@ -147,15 +152,20 @@ class Ranking:
         return rearrangements(self.channels, target.measured, state.fit.expected, weight)
 
     def _nearby(
-        self, state: State, base: PlateModel, everyone: Sequence[Candidate], by_mesh: float = 0.0
+        self,
+        state: State,
+        base: PlateModel,
+        everyone: Sequence[Candidate],
+        by_mesh: float = 0.0,
+        says: Tensor | None = None,
     ) -> tuple[list[Scored], float]:
         """All candidates scored where peaks overlap; and what chance takes with the mesh, where little is left."""
         builder, near = self.builder, state.fit.marginal
-        if (step := self._line_step(state)) > 1:
+        if says is None and (step := self._line_step(state)) > 1:
             builder = builder.against(builder.target.every(step))
             near = builder.target.marginal(base, state.fit.theta, state.fit.about).rescaled(near.scale)
         draws = self._by_chance(state, builder.target)
-        promises = screen(builder, base, state.fit.theta, everyone, self.prior, near=near, draws=draws)
+        promises = screen(builder, base, state.fit.theta, everyone, self.prior, near=near, draws=draws, says=says)
         if draws is None:
             return promises, 0.0
         by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
@@ -226,7 +236,7 @@ class Ranking:
         if best is None or math.isinf(best.way):
             return NOBODY
         settings = self.settings.selecting
-        near = settings.close + best.worth(settings.close_part) + _never(best)
+        near = settings.close + settings.close_part * best.square + _never(best)
         part = settings.explains_some
         pairs = (best.way, state.fit.way), (best.cost, state.fit.cost)
         return Beat(*(here + max(near, part * (before - here)) for here, before in pairs))
@@ -302,7 +312,7 @@ class Ranking:
             least = found[0].cost
             # Beside a specimen that is fitted too, ways to one end agree to a few.
             fitted_too = self.builder.target.wandering != UNIFORM
-            apart = settings.close + found[0].fit.worth(settings.close_part)
+            apart = settings.close + settings.close_part * found[0].fit.square
             within = _never(found[0].fit) if fitted_too else apart
             close = [one for one in found if one.cost - least < within]
             if not is_noise(found[0].fit) and not fitted_too:

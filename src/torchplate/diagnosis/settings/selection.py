@@ -116,7 +116,7 @@ class Selecting:
         n_again: what came near in the ranking before and is tried again, so many at most [-].
         n_run_off: times that those close to the best are refitted from where they ended [-].
         close: in −2 ln L beside the best [-].
-        close_part: and in what this part of its sum of squares is worth in −2 ln L [-].
+        close_part: and in parts of its sum of squares [-].
         little: mean square up to which little is left, so that a support that stays where it is may be named [-].
         grounded: mean square beyond which nothing is asked of a support [-].
         stopped_short: where a support at the same place leaves less by this part, a spring or dashpot had stopped
