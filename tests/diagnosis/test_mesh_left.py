@@ -3,9 +3,11 @@
 import pytest
 import torch
 
+from torchplate.diagnosis import diagnose
 from torchplate.diagnosis.estimates import left_by_mesh
 from torchplate.diagnosis.settings import SETTINGS
-from torchplate.effects import CATALOGUE, Plate
+from torchplate.effects import CATALOGUE, HystereticDamping, Plate
+from torchplate.measurement import Imperfections
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import EDGES, Mesh
 
@@ -100,3 +102,21 @@ def test_it_goes_with_the_square_of_the_side_and_of_the_strength():
 
 def test_what_is_not_at_a_place_is_left_as_it_is():
     assert set(left("density", value=7900.0).values()) == {0.0}
+
+
+@pytest.mark.parametrize("cells", [(3, 2), (4, 4)])
+@torch.no_grad()
+def test_frfs_that_were_computed_on_the_given_mesh_are_said_to_be_and_no_effect_stands_in_for_its_error(lab, cells):
+    known = {"plate.poisson_ratio": 0.31, "plate.density": 7700.0, "plate.thickness": 0.0031}
+    known |= {"loss.stiffness_loss_factor": 6.2e-3}
+    effects = {"plate": Plate(), "loss": HystereticDamping()}
+    box = {"plate.youngs_modulus": Searched(1.5e11, 2.6e11)}
+    model = PlateModel(Mesh(0.41, 0.29, *cells), effects, known, box, [4, 7], [1, 6, 10], "accelerance")
+    frequency = torch.linspace(30.0, 300.0, 60, dtype=torch.float64)
+    frf = model.frf(torch.tensor([2.04e11], dtype=torch.float64), frequency)
+    found = diagnose(
+        model, lab.measured(frequency, frf, [4, 7], [1, 6, 10]), imperfections=Imperfections(0.0, 0.0, 0.0, 0.0)
+    )
+    assert found.verdict == "consistent"
+    assert not found.effects
+    assert any(f"on its own mesh of {cells[0]} × {cells[1]} elements alone" in remark for remark in found.remarks)

@@ -9,7 +9,7 @@ import torch
 from torchplate.effects import FrequencyDependentLoss, HystereticDamping, Plate, SupportSpring, ViscousDamping
 from torchplate.model import PlateModel, Searched, SparseModel, reduce
 from torchplate.plate import Mesh
-from torchplate.plate.power_law import FADES, REFERENCE_FREQUENCY, power_law
+from torchplate.plate.power_law import FADES, LOWEST_FREQUENCY, REFERENCE_FREQUENCY, power_law
 
 NONE = torch.zeros(0, dtype=torch.float64)
 LINES = torch.linspace(20.0, 400.0, 61, dtype=torch.float64)
@@ -46,6 +46,13 @@ def test_the_loss_goes_with_a_power_of_the_frequency(exponent: float):
     frequency = np.array([3.0, REFERENCE_FREQUENCY, 700.0])
     np.testing.assert_allclose(law(exponent, frequency).imag, (frequency / REFERENCE_FREQUENCY) ** exponent, rtol=1e-12)
     assert law(exponent, frequency)[1] == pytest.approx(1j)
+
+
+@pytest.mark.parametrize("exponent", [-0.6, 0.8])
+def test_below_the_lowest_frequency_the_law_is_held_as_it_is_there(exponent: float):
+    below, at = law(exponent, np.array([LOWEST_FREQUENCY / 30, LOWEST_FREQUENCY]))
+    assert below == pytest.approx(at, rel=1e-12)
+    assert at.imag == pytest.approx((LOWEST_FREQUENCY / REFERENCE_FREQUENCY) ** exponent, rel=1e-12)
 
 
 @pytest.mark.parametrize("exponent", [-0.5, 0.15, 0.5, 0.8])

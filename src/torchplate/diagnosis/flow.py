@@ -64,6 +64,10 @@ def diagnose(
     )
     selection = ForwardSelection.of(model, target, dict(tolerance or {}), say)
     baseline = selection.baseline()
+    if (own := selection.on_the_given_mesh(baseline)) is not None:
+        selection, state = own
+        seen = Trace(selection.builder, noise, state.fit, state, state, (), selection.prior)
+        return summarise(seen, time.monotonic() - began)
     selection, baseline = selection.robust_baseline(baseline)
     state, rankings = selection.add_effects(baseline, most_effects)
     few = len(measurement.pairs) < target.settings.holding_out.few

@@ -95,6 +95,18 @@ def all_remarks(noise: Noise, final: State, prior: Prior) -> tuple[str, ...]:
     return tuple(sentences)
 
 
+def of_the_given_mesh(builder: ModelBuilder) -> tuple[str, ...]:
+    """Where the FRFs hold the error of the given mesh, nothing else was looked for."""
+    if not builder.as_given:
+        return ()
+    cells = " × ".join(str(cell) for cell in builder.mesh.cells)
+    return (
+        f"The model explains the FRFs on its own mesh of {cells} elements alone, and not on a finer one: they hold the "
+        "error of that mesh, as FRFs that were computed on it do and those of a plate do not. Nothing else was looked "
+        "for. Where these are of a plate, set mesh.refine and diagnose again.",
+    )
+
+
 def nothing_but_chance(seen: Trace) -> tuple[str, ...]:
     """What the best of the catalogue would take where nothing was named, beside what chance takes."""
     if seen.final.named or not seen.rankings or seen.rankings[0].by_chance <= 0 or not seen.rankings[0].hypotheses:

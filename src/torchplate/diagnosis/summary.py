@@ -13,7 +13,13 @@ from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.naming import as_named, remark_on
 from torchplate.diagnosis.next_measurement import next_measurements
-from torchplate.diagnosis.remarks import all_remarks, in_every_record, missing_still, nothing_but_chance
+from torchplate.diagnosis.remarks import (
+    all_remarks,
+    in_every_record,
+    missing_still,
+    nothing_but_chance,
+    of_the_given_mesh,
+)
 from torchplate.diagnosis.result import Diagnosis, Named, Scored, Step
 from torchplate.diagnosis.selection.criterion import evidence, is_explained, weight_of
 from torchplate.diagnosis.selection.screen import twins
@@ -51,6 +57,7 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
         missing=missing_still(builder, noise, final, verdict),
         remarks=(
             *(one.evidence for one in finer if verdict == "unexplained"),
+            *of_the_given_mesh(builder),
             *nothing_but_chance(seen),
             *all_remarks(noise, final, seen.prior),
         ),

@@ -86,6 +86,21 @@ class ForwardSelection:
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} times what noise and nuisances explain")
         return State(model, found)
 
+    def on_the_given_mesh(self, baseline: State) -> tuple["ForwardSelection", State] | None:
+        """The given model on its own mesh, where that leaves noise alone and a mesh without error far more.
+
+        Then the FRFs hold that mesh's error, as those that were computed on it do, and effects would stand in for it.
+        """
+        if baseline.fit.reduced_misfit <= self.settings.far_off:
+            return None
+        builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
+        found = self._as_given_from(builder, builder.given, baseline.fit, wide=True)
+        self.builder.count(builder.n_evaluation)
+        if not is_explained(found, builder.target):
+            return None
+        self.say("the given mesh, with its error, leaves nothing but noise")
+        return ForwardSelection(builder, self.prior, self.say), State(builder.given, found)
+
     def robust_baseline(self, baseline: State) -> tuple["ForwardSelection", State]:
         """The baseline where channels that disagree with all others do not bend it; the fits then see these.
 
@@ -165,18 +180,18 @@ class ForwardSelection:
         builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
         begun, unrefined = self.begun, None
 
-        def again(model: PlateModel, before: Fit, wide: bool) -> Fit:
-            """What has no end near that of the same on a finer mesh is not followed to it."""
-            start, settings = before.model.space.to_cube(before.theta)[None], builder.target.settings
-            near = settings.selecting.close + settings.selecting.close_part * before.square
-            limit, beat = settings.searching.hopeless * before.square, Beat(before.way + near, before.cost + near)
-            return fit(builder, model, start, self.prior, wide, limit, known_section(before), beat=beat)
-
-        given = again(builder.given, begun.fit, True)
+        given = self._as_given_from(builder, builder.given, begun.fit, wide=True)
         if final.named and not builder.held:
-            unrefined = again(builder.adopt(final.model), final.fit, False)
+            unrefined = self._as_given_from(builder, builder.adopt(final.model), final.fit, wide=False)
         self.builder.count(builder.n_evaluation)
         return given, unrefined
+
+    def _as_given_from(self, builder: ModelBuilder, model: PlateModel, before: Fit, wide: bool) -> Fit:
+        """A model on the given mesh; what has no end near that of the same on a finer mesh is not followed to it."""
+        start, settings = before.model.space.to_cube(before.theta)[None], builder.target.settings
+        near = settings.selecting.close + settings.selecting.close_part * before.square
+        limit, beat = settings.searching.hopeless * before.square, Beat(before.way + near, before.cost + near)
+        return fit(builder, model, start, self.prior, wide, limit, known_section(before), beat=beat)
 
     def add_effects(self, state: State, most_effects: int) -> tuple[State, list[Ranked]]:
         """Add effects as long as they are needed and there are some; `begun` is what they were added to."""
