@@ -25,7 +25,7 @@ help:
 	@echo "make real      diagnose the measured plates of ../shared/data, where they are"
 	@echo "make chairs    time three users from a file to an answer"
 	@echo "make load      time and memory of large work: many runs, members, lines and elements"
-	@echo "make mutants   put faults into the code one at a time and count those that no test sees (half an hour)"
+	@echo "make mutants   put faults into the code one at a time and count those that no test sees (half an hour of one core)"
 	@echo "make clean     remove the virtual environment and caches"
 
 # Two searches run side by side, each with one thread: on matrices so small a second one waits more than it works.

@@ -16,10 +16,14 @@ def with_row(page: str, what: str, command: str, seen: str, at: str) -> str:
     return put(page, ENDS, "\n".join([*HEAD, *rows]))
 
 
+def commit() -> str:
+    """What is tried; "-dirty" where files differ from it."""
+    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    return subprocess.run(asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=False).stdout.strip()
+
+
 def put(what: str, command: str, seen: str) -> None:
     """Write a row onto docs/verification.md, with the commit that was tried."""
     from torchplate.bench.marked_page import PAGE
 
-    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
-    at = subprocess.run(asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=False).stdout.strip()
-    PAGE.write_text(with_row(PAGE.read_text(), what, command, seen, at))
+    PAGE.write_text(with_row(PAGE.read_text(), what, command, seen, commit()))

@@ -31,6 +31,10 @@ from math import ceil
 from pathlib import Path
 from types import FrameType
 
+# It is run as a script, beside which its neighbour lies; where tests are collected, that is on no path.
+sys.path.insert(0, str(Path(__file__).parent))
+import figures
+
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 ROOT = Path(__file__).parents[2]
@@ -341,7 +345,8 @@ def report(results: list[dict], n_every: dict[str, int], seed: int, seconds: flo
     """Score and survivors in Markdown."""
     why = json.loads(ARGUMENTS.read_text()) if ARGUMENTS.exists() else {}
     lines = [
-        f"{len(results)} of {sum(n_every.values())} mutants, seed {seed}, in {seconds / 60:.0f} minutes of one core.",
+        f"{len(results)} of {sum(n_every.values())} mutants, seed {seed}, of the code at {figures.commit()}, in "
+        f"{seconds / 60:.0f} minutes of one core.",
         "",
         "| room | mutants | tried | killed | survived | killed, those argued to be the same left out |",
         "|---|---|---|---|---|---|",
