@@ -292,6 +292,29 @@ def test_both_of_two_are_named_with_their_numbers(diagnosed):
         assert told.value == pytest.approx(true, abs=4 * told.std + 2e-3 * true)
 
 
+@torch.no_grad()
+@pytest.mark.parametrize(
+    ("by_noise", "squares", "gaps", "worth"),
+    [
+        (True, 0.4, 0.6, True),
+        (True, 0.6, 0.6, False),
+        # It took half of the sum of squares, from lines that nobody sees.
+        (True, 0.4, 0.98, False),
+        # Beside an inflated model error, more probable than none says little.
+        (False, 0.9, 0.6, True),
+        (False, 0.4, 0.85, False),
+    ],
+)
+def test_where_more_is_missing_a_name_has_to_take_a_part_of_what_is_left(lab, by_noise, squares, gaps, worth):
+    scene = lab.Scene(hidden={"gain": 1.5})
+    far = lab.leaving(scene.fit, 1e6)._replace(left=0.8, by_noise=by_noise)
+    hypothesis = scene.hypothesis("sensor_gain")
+    less = lab.leaving(scene.fit, squares * 1e6)._replace(left=gaps * 0.8, by_noise=by_noise)
+    before = State(scene.state.model, far)
+    named = State(scene.state.model, less, (hypothesis,), before)
+    assert forward._worth_their_names(named, SETTINGS.selecting) is (named if worth else before)
+
+
 def test_either_frfs_or_a_table_are_needed(lab):
     one = NaturalFrequencies.from_mapping({4: 80.0})
     measured = lab.measured(LINES, torch.ones(len(LINES), 2, 3, dtype=torch.complex128), RESPONSE, REFERENCE)

@@ -461,10 +461,16 @@ class ForwardSelection:
 
 
 def _explains_much(state: State, settings: Selecting) -> bool:
-    """Whether the last effect explains much, or all that was left; else it may stand in for something else."""
-    if state.previous is None or is_noise(state.fit) or not state.fit.by_noise:
+    """Whether the last effect explains much, or all that was left; else it may stand in for something else.
+
+    It has to show in the gap; beside an inflated model error, where squares say little, it has to take a part of that.
+    """
+    if state.previous is None or is_noise(state.fit):
         return True
-    return state.fit.square <= settings.explains_much * state.previous.fit.square
+    fit, before = state.fit, state.previous.fit
+    if not fit.by_noise:
+        return fit.left <= settings.explains_some * before.left
+    return fit.square <= settings.explains_much * before.square and fit.left <= settings.shows * before.left
 
 
 def _worth_their_names(state: State, settings: Selecting) -> State:
