@@ -451,7 +451,7 @@ def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(
 
     def scored(_self, fine, by_mesh):
         asked.append((fine, by_mesh))
-        return Ranked((promise,) if promised else (), (), 7.0)
+        return Ranked((promise,) if promised else (), (), 7.0, square=fine.fit.square)
 
     monkeypatch.setattr(Ranking, "scored", scored)
     monkeypatch.setattr(selection, "_left_by_mesh", lambda *_: 3.0)

@@ -302,7 +302,7 @@ class ForwardSelection:
             fine: where the last models are settled.
         """
         scored = self.ranking.scored(fine, self._left_by_mesh(coarse, fine, self._on_a_finer_mesh(fine)))
-        more = bool(scored.promises) and scored.promises[0].drop * fine.fit.square > scored.by_chance
+        more = bool(scored.promises) and scored.promises[0].drop * scored.square > scored.by_chance
         return None if more else scored
 
     def _left_by_mesh(self, coarse: State, fine: State, finer: ModelBuilder) -> float:

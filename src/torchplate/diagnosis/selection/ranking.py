@@ -67,7 +67,7 @@ class Ranking:
         state = replace(fine, fit=fine.fit._replace(model=model))
         base, everyone = self._catalogue_beside(state)
         promises, by_chance = self._nearby(state, base, everyone, by_mesh, fine.fit.expected)
-        return Ranked(tuple(promises), (), by_chance)
+        return Ranked(tuple(promises), (), by_chance, square=fine.fit.square)
 
     def at(self, state: State) -> Ranked:
         """Score the whole catalogue, and refit what promises most."""
