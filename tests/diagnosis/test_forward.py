@@ -292,6 +292,29 @@ def test_both_of_two_are_named_with_their_numbers(diagnosed):
         assert told.value == pytest.approx(true, abs=4 * told.std + 2e-3 * true)
 
 
+@torch.no_grad()
+@pytest.mark.parametrize(
+    ("by_noise", "squares", "gaps", "worth"),
+    [
+        (True, 0.4, 0.6, True),
+        (True, 0.6, 0.6, False),
+        # It took half of the sum of squares, from lines that nobody sees.
+        (True, 0.4, 0.98, False),
+        # Beside an inflated model error, more probable than none says little.
+        (False, 0.9, 0.6, True),
+        (False, 0.4, 0.85, False),
+    ],
+)
+def test_where_more_is_missing_a_name_has_to_take_a_part_of_what_is_left(lab, by_noise, squares, gaps, worth):
+    scene = lab.Scene(hidden={"gain": 1.5})
+    far = lab.leaving(scene.fit, 1e6)._replace(left=0.8, by_noise=by_noise)
+    hypothesis = scene.hypothesis("sensor_gain")
+    less = lab.leaving(scene.fit, squares * 1e6)._replace(left=gaps * 0.8, by_noise=by_noise)
+    before = State(scene.state.model, far)
+    named = State(scene.state.model, less, (hypothesis,), before)
+    assert forward._worth_their_names(named, SETTINGS.selecting) is (named if worth else before)
+
+
 def test_either_frfs_or_a_table_are_needed(lab):
     one = NaturalFrequencies.from_mapping({4: 80.0})
     measured = lab.measured(LINES, torch.ones(len(LINES), 2, 3, dtype=torch.complex128), RESPONSE, REFERENCE)
@@ -377,6 +400,23 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
         (State(scene.state.model, right), [ranked(0.6, 0.3, 0.1)], 3),
     ):
         assert selection._two_that_promise(one, rankings, most) is None
+    # That which smoothed FRFs were followed to most nearly goes first, from there: sharply the other led it astray.
+    end = torch.full((len(alone.fit.model.names),), 0.4, dtype=torch.float64)
+    second = scene.hypothesis("density")
+    second = replace(second, fit=lab.leaving(second.fit, 1e6))
+    several = replace(ranked(0.8, 0.6, 0.1), hypotheses=(second, alone), ways=((alone.candidate, end),))
+    begun.clear()
+    states = []
+    monkeypatch.setattr(
+        selection, "_needed", lambda state, _: states.append(state) or (choose([both], state.fit), several)
+    )
+    assert selection._two_that_promise(state, [several], 3) is not None
+    assert [one.hypothesis.name for one in states[0].named] == ["sensor_gain"]
+    torch.testing.assert_close(states[0].model.space.to_cube(states[0].fit.theta), end)
+    several = replace(several, ways=((second.candidate, end), (alone.candidate, end)))
+    assert selection._two_that_promise(state, [several], 3) is not None
+    assert [one.hypothesis.name for one in states[1].named] == ["density"]
+    monkeypatch.setattr(selection, "_needed", needed)
     # Nor if both explain no more than none does.
     both = replace(both, fit=far)
     assert selection._two_that_promise(state, [ranked(0.6, 0.3, 0.1)], 3) is None
@@ -428,7 +468,7 @@ def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(
 
     def scored(_self, fine, by_mesh):
         asked.append((fine, by_mesh))
-        return Ranked((promise,) if promised else (), (), 7.0)
+        return Ranked((promise,) if promised else (), (), 7.0, square=fine.fit.square)
 
     monkeypatch.setattr(Ranking, "scored", scored)
     monkeypatch.setattr(selection, "_left_by_mesh", lambda *_: 3.0)

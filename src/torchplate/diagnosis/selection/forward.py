@@ -317,7 +317,7 @@ class ForwardSelection:
             fine: where the last models are settled.
         """
         scored = self.ranking.scored(fine, self._left_by_mesh(coarse, fine, self._on_a_finer_mesh(fine)))
-        more = bool(scored.promises) and scored.promises[0].drop * fine.fit.square > scored.by_chance
+        more = bool(scored.promises) and scored.promises[0].drop * scored.square > scored.by_chance
         return None if more else scored
 
     def _left_by_mesh(self, coarse: State, fine: State, finer: ModelBuilder) -> float:
@@ -436,7 +436,14 @@ class ForwardSelection:
         chosen: list[Hypothesis] = []
         # A support at a place that was found was not scored.
         scored = [one for one in ranked.hypotheses if one.name in promised]
-        for one in sorted(scored, key=lambda one: -promised[one.name].drop):
+        ends = {id(candidate): (rank, end) for rank, (candidate, end) in enumerate(ranked.ways)}
+
+        def nearest_first(one: Hypothesis) -> tuple[int, float]:
+            """Those that smoothed FRFs were followed to, the nearest first; the others by what they promised."""
+            rank, _ = ends.get(id(one.candidate), (len(ends), None))
+            return rank, -promised[one.name].drop
+
+        for one in sorted(scored, key=nearest_first):
             much = promised[one.name].drop >= 1 - settings.explains_much
             if much and not any(other.name in alike[one.name] for other in chosen):
                 chosen.append(one)
@@ -444,6 +451,10 @@ class ForwardSelection:
         for one in chosen[: settings.n_best]:
             self.say(f"{one.name} promised much and explains little: looking for what else is missing")
             start = self._added(state, choose(ranked.hypotheses, state.fit, one), ranked)
+            _, end = ends.get(id(one.candidate), (0, None))
+            if end is not None:
+                # Sharply it went to where the other, which lacks, let it; smoothed FRFs see both.
+                start = replace(start, fit=judged_at(self.builder, one.fit, self.prior, end))
             needed = self._needed(start, rankings)
             if needed is None:
                 continue
@@ -476,10 +487,16 @@ class ForwardSelection:
 
 
 def _explains_much(state: State, settings: Selecting) -> bool:
-    """Whether the last effect explains much, or all that was left; else it may stand in for something else."""
-    if state.previous is None or is_noise(state.fit) or not state.fit.by_noise:
+    """Whether the last effect explains much, or all that was left; else it may stand in for something else.
+
+    It has to show in the gap; beside an inflated model error, where squares say little, it has to take a part of that.
+    """
+    if state.previous is None or is_noise(state.fit):
         return True
-    return state.fit.square <= settings.explains_much * state.previous.fit.square
+    fit, before = state.fit, state.previous.fit
+    if not fit.by_noise:
+        return fit.left <= settings.explains_some * before.left
+    return fit.square <= settings.explains_much * before.square and fit.left <= settings.shows * before.left
 
 
 def _worth_their_names(state: State, settings: Selecting) -> State:
