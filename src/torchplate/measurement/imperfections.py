@@ -46,8 +46,8 @@ class Imperfections:
 
 
 # A hit within a millimetre of its mark; half a kelvin of drift in a metal (d ln f / dT about -2e-4 per kelvin);
-# transducers calibrated to a per cent; damping that no law hits better than a tenth; a thickness that cold rolling keeps
-# to half a per cent within a sheet.
+# transducers calibrated to a per cent; damping that no law hits better than a tenth; a thickness that cold rolling
+# keeps to half a per cent within a sheet.
 CAREFUL = Imperfections(
     position_std=1e-3, frequency_drift=1e-4, calibration_std=0.01, damping_scatter=0.1, thickness_scatter=5e-3
 )
