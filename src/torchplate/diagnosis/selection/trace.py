@@ -91,9 +91,11 @@ class Ranked:
         by_chance: what chance, and the mesh where that may show, let the best of the catalogue take from the sum of
             squares once in a hundred; 0 where so much is left that it was not asked.
         far: names that were fitted beside the frequency axis alone, where they stayed far above the best.
+        square: that the promises are parts of, where they were asked on a finer mesh and nothing was refitted; else 0.
     """
 
     promises: tuple[Scored, ...]
     hypotheses: tuple[Hypothesis, ...]
     by_chance: float = 0.0
     far: frozenset[str] = frozenset()
+    square: float = 0.0
