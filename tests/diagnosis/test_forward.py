@@ -400,6 +400,23 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
         (State(scene.state.model, right), [ranked(0.6, 0.3, 0.1)], 3),
     ):
         assert selection._two_that_promise(one, rankings, most) is None
+    # That which smoothed FRFs were followed to most nearly goes first, from there: sharply the other led it astray.
+    end = torch.full((len(alone.fit.model.names),), 0.4, dtype=torch.float64)
+    second = scene.hypothesis("density")
+    second = replace(second, fit=lab.leaving(second.fit, 1e6))
+    several = replace(ranked(0.8, 0.6, 0.1), hypotheses=(second, alone), ways=((alone.candidate, end),))
+    begun.clear()
+    states = []
+    monkeypatch.setattr(
+        selection, "_needed", lambda state, _: states.append(state) or (choose([both], state.fit), several)
+    )
+    assert selection._two_that_promise(state, [several], 3) is not None
+    assert [one.hypothesis.name for one in states[0].named] == ["sensor_gain"]
+    torch.testing.assert_close(states[0].model.space.to_cube(states[0].fit.theta), end)
+    several = replace(several, ways=((second.candidate, end), (alone.candidate, end)))
+    assert selection._two_that_promise(state, [several], 3) is not None
+    assert [one.hypothesis.name for one in states[1].named] == ["density"]
+    monkeypatch.setattr(selection, "_needed", needed)
     # Nor if both explain no more than none does.
     both = replace(both, fit=far)
     assert selection._two_that_promise(state, [ranked(0.6, 0.3, 0.1)], 3) is None

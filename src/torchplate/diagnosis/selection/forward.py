@@ -421,7 +421,14 @@ class ForwardSelection:
         chosen: list[Hypothesis] = []
         # A support at a place that was found was not scored.
         scored = [one for one in ranked.hypotheses if one.name in promised]
-        for one in sorted(scored, key=lambda one: -promised[one.name].drop):
+        ends = {id(candidate): (rank, end) for rank, (candidate, end) in enumerate(ranked.ways)}
+
+        def nearest_first(one: Hypothesis) -> tuple[int, float]:
+            """Those that smoothed FRFs were followed to, the nearest first; the others by what they promised."""
+            rank, _ = ends.get(id(one.candidate), (len(ends), None))
+            return rank, -promised[one.name].drop
+
+        for one in sorted(scored, key=nearest_first):
             much = promised[one.name].drop >= 1 - settings.explains_much
             if much and not any(other.name in alike[one.name] for other in chosen):
                 chosen.append(one)
@@ -429,6 +436,10 @@ class ForwardSelection:
         for one in chosen[: settings.n_best]:
             self.say(f"{one.name} promised much and explains little: looking for what else is missing")
             start = self._added(state, choose(ranked.hypotheses, state.fit, one), ranked)
+            _, end = ends.get(id(one.candidate), (0, None))
+            if end is not None:
+                # Sharply it went to where the other, which lacks, let it; smoothed FRFs see both.
+                start = replace(start, fit=judged_at(self.builder, one.fit, self.prior, end))
             needed = self._needed(start, rankings)
             if needed is None:
                 continue

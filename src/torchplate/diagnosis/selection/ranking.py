@@ -53,6 +53,7 @@ class Ranking:
         self.refits, self.afar = Refits(builder, prior, say), FromAfar(builder, prior)
         self.grounded, self.instead = Grounded(builder, self.refits), Instead(builder, prior, self.refits)
         self._far: set[str] = set()
+        self._ways: tuple[tuple[Candidate, Tensor], ...] = ()
 
     def scored(self, fine: State, by_mesh: float) -> Ranked:
         """Score the whole catalogue beside a state on a finer mesh, where little is left, and refit nothing.
@@ -73,7 +74,7 @@ class Ranking:
         """Score the whole catalogue, and refit what promises most."""
         builder, misfit = self.builder, state.fit.reduced_misfit
         base, everyone = self._catalogue_beside(state)
-        self._far = set()
+        self._far, self._ways = set(), ()
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         hypotheses: list[Hypothesis] = []
@@ -124,7 +125,8 @@ class Ranking:
             priced, supports = self.grounded.as_supports(state, found, limit, beat) if grounded else (found, [])
             # A support stays where it is: it is named where little else is missing, and it is there.
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= selecting.little)]
-        return Ranked(tuple(promises), tuple(best_of_each(ended)), by_chance, frozenset(self._far))
+        every = tuple(best_of_each(ended))
+        return Ranked(tuple(promises), every, by_chance, frozenset(self._far), ways=self._ways)
 
     def _catalogue_beside(self, state: State) -> tuple[PlateModel, list[Candidate]]:
         """The plate that candidates are scored beside, in few modes, and all of them."""
@@ -184,6 +186,7 @@ class Ranking:
         ways = promising(scored, self.settings.screening.n_wide, self.settings.screening)
         ways += [one for one in scored if one.candidate.replaces and all(one is not way for way in ways)]
         down = self.afar.down(state, ways)
+        self._ways = tuple((one.candidate, starts[0]) for one, starts in down)
         self._far |= {one.candidate.name for one in ways} - {one.candidate.name for one, _ in down}
         return scored, down
 
