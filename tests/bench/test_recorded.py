@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from torchplate.bench.recorded import blind, speed
+from torchplate.bench.recorded import air, blind, speed
 
 TABLE = """Cases 3 to 9, at commit abc1234, on a machine with other work on it.
 
@@ -63,3 +63,19 @@ def test_what_lies_in_runs_is_read() -> None:
     assert {row.case.split(":")[0] for row in blind()} >= {"clean", "tables", "workshop"}
     assert all(0 <= row.ours <= row.of for row in blind())
     assert all(row.value > row.ours for row in speed() if "shared modes" in row.case)
+
+
+def test_what_the_air_costs_is_held_against_its_limits(tmp_path: Path) -> None:
+    path = tmp_path / "bench.json"
+    told = {"prepared_s": {"square": 1.5, "1 to 10": 0.04}, "search": {"shared modes": 1.03}}
+    path.write_text(json.dumps({"air": {"1": told}}))
+    ends = [row.cells().split("|")[3:6] for row in air(path)]
+    assert [[cell.strip() for cell in row] for row in ends] == [
+        ["at most 1 s", "1.5 s", "above"],
+        ["at most 1 s", "0.04 s", "within"],
+        ["at most 1.1 times", "1.03 times", "within"],
+    ]
+
+
+def test_the_air_costs_no_more_than_it_may() -> None:
+    assert all(row.ours <= row.value for row in air())

@@ -13,7 +13,7 @@ def written() -> str:
     return between(PAGE.read_text(), QUICK)
 
 
-@pytest.mark.parametrize("title", ["The virtual analyser", "Gradients where modes repeat"])
+@pytest.mark.parametrize("title", ["The virtual analyser", "Gradients where modes repeat", "Air around a plate"])
 def test_the_page_has_what_the_command_prints(title: str) -> None:
     for row in TABLES[title]():
         assert row.cells() in written()
@@ -38,7 +38,8 @@ def test_no_figure_of_the_page_is_far_off() -> None:
         cell = line.split("|")[-2]
         off = float(re.sub(r"under|below|%|\s", "", cell).replace("−", "-"))
         # The order of convergence is 2 only in the end; all else is within a quarter of a percent.
-        assert abs(off) < (12 if "order" in line else 0.25), line
+        # A lattice of doublets, and tables of three decimals, are within one.
+        assert abs(off) < (12 if "order" in line else 1.0 if "added mass" in line else 0.25), line
 
 
 def test_a_difference_that_is_rounding_is_called_so() -> None:

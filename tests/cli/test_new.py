@@ -98,6 +98,22 @@ def test_the_config_runs_and_finds_the_modulus(roved, tmp_path, command, monkeyp
     assert (tmp_path / "run" / "result.json").is_file()
 
 
+def test_the_air_and_a_thickness_that_wanders_are_a_comment_away(roved, tmp_path, command):
+    file = written(roved, tmp_path / "test.uff", lambda p: p)
+    config = tmp_path / "plate.yaml"
+    assert command("new", file, *PLATE, "--out", config)[0] == 0
+    # A virtual test has no air unless its truth has.
+    assert "air" not in load_run(config).config.effects
+    text = config.read_text()
+    for key in ("air", "thickness_scatter"):
+        assert text.count(f"  # {key}: ") == 1
+        text = text.replace(f"  # {key}: ", f"  {key}: ")
+    config.write_text(text)
+    recipe = load_run(config)
+    assert recipe.model().known_values["air.density"] == 1.2
+    assert recipe.imperfections().thickness_scatter == 0.005
+
+
 def test_a_level_in_g_is_not_taken_for_si(roved, tmp_path, command):
     file = written(replace(roved, frf=roved.frf / 9.81), tmp_path / "test.uff", lambda p: p)
     assert command("new", file, *PLATE, "--out", tmp_path / "plate.yaml")[0] == 0

@@ -10,6 +10,7 @@ from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy.measure import Measured
 from torchplate.discrepancy.norms import relative_frf_norm
 from torchplate.effects import CATALOGUE
+from torchplate.measurement import PERFECT, Imperfections
 from torchplate.measurement.noise import Noise, noise_level
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
@@ -261,3 +262,25 @@ def test_what_was_measured_is_continued_beside_the_axis(lab, plate, true):
         assert float(away.max()) < 0.03
     read = here.turned(torch.tensor([[1.0, -1.0, 1.0], [1.0, 1.0, -1.0]], dtype=torch.float64))
     assert torch.equal(read.seen(0)[:, 0, 1], -here.seen(0)[:, 0, 1])
+
+
+def test_a_told_scatter_of_thickness_is_that_of_the_section_and_is_known_better(plate, lab, true):
+    theta = plate.space.to_si(torch.tensor([0.4], dtype=torch.float64))
+    default, thick = (target(lab, true, imperfections=Imperfections(thickness_scatter=std)) for std in (None, 0.023))
+    assert default.wandering == SETTINGS.wandering
+    assert thick.wandering == replace(SETTINGS.wandering, thickness=0.023)
+    freedom = [one.marginal(plate, theta).freedom for one in (default, thick)]
+    assert "thickness" not in freedom[0]
+    assert freedom[1]["thickness"] == SETTINGS.knowledge.told
+    # Beside a modulus that wanders as before. The lines are weighed a little otherwise: by the second order, too.
+    sizes = []
+    for marginal in (one.marginal(plate, theta) for one in (default, thick)):
+        square = torch.zeros(len(marginal.names), dtype=torch.float64)
+        square.index_add_(0, marginal.group, marginal.gram.diagonal())
+        of = dict(zip(marginal.names, square.sqrt().tolist(), strict=True))
+        sizes.append(of["thickness"] / of["modulus"])
+    assert sizes[1] == pytest.approx(sizes[0] * 0.023 / SETTINGS.wandering.thickness, rel=0.1)
+
+
+def test_a_plate_may_wander_in_a_test_that_is_perfect(plate, lab, true):
+    assert target(lab, true, imperfections=replace(PERFECT, thickness_scatter=0.02)).wandering.thickness == 0.02

@@ -4,7 +4,7 @@ import pytest
 
 from torchplate.measurement import read_measurement
 from torchplate.studies import masses
-from torchplate.studies.masses import MASS, STRIP, config, lost, peaks
+from torchplate.studies.masses import MASS, STRIP, Lost, config, lost, order, peaks
 
 
 @pytest.fixture
@@ -32,13 +32,35 @@ def test_an_arrangement_is_a_config_of_four_states(data):
 
 def test_the_mass_lost_is_what_all_changes_say_together():
     def named(name, mass, std):
-        return {"name": name, "parameters": {"mass": {"value": mass * STRIP, "std": std * STRIP}}}
+        parameters = {"mass": {"value": mass * STRIP, "std": std * STRIP}}
+        return {"name": name, "equivalent": [], "parameters": parameters}
 
     found = {"verdict": "explained", "effects": [named("m2.mass", 0.01, 0.003), named("point_mass", -0.02, 0.004)]}
     row = lost("3", "b", found)
     assert row.share == pytest.approx(MASS - 0.01 + 0.02)
     assert row.std == pytest.approx(0.005)
-    assert row.kind == "m2.mass + point_mass"
+    assert row.kind == "m2.mass; point_mass"
+
+
+def test_a_stiffness_that_is_named_instead_of_a_mass_is_shown_with_its_equivalents():
+    one = {"name": "stiffness_loss", "equivalent": ["point_mass"], "parameters": {"factor": {"value": 1.3, "std": 0.1}}}
+    row = lost("10", "b", {"verdict": "explained", "effects": [one]})
+    assert row.share is None
+    assert row.kind == "stiffness_loss or point_mass"
+
+
+@pytest.mark.parametrize(
+    ("shares", "said"),
+    [
+        ((0.02, 0.03, 0.05), "a < b < c < d: in order"),
+        ((0.02, 0.05, 0.04), "a < b < c < d: out of order"),
+        ((-0.01, 0.02, 0.04), "a < b < c < d: out of order"),
+        ((None, 0.02, 0.04), "no mass is named in b; the others are in order"),
+    ],
+)
+def test_the_order_of_the_states_is_said(shares, said):
+    rows = [Lost("10", state, share, 0.001, "") for state, share in zip("bcd", shares, strict=True)]
+    assert order(rows) == f"arrangement 10: {said}"
 
 
 def test_without_its_files_nothing_is_done(monkeypatch, tmp_path, capsys):

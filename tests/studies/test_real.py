@@ -1,5 +1,6 @@
 """Measured plates, diagnosed: what is cheap enough for a test; the rest is `make real`."""
 
+import math
 from io import StringIO
 
 import pytest
@@ -39,6 +40,22 @@ def test_nothing_is_missing_from_the_strip_that_its_peaks_show(console, tmp_path
     assert found.worst < 0.01
     show([found], console)
     assert "consistent" in console.file.getvalue()
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("name", ["wood_A", "wood_B"])
+def test_the_grain_of_wood_of_unknown_species_is_named(name, console, tmp_path):
+    found = examine(case(name), console, tmp_path, report=False)
+    assert found.diagnosis.verdict == "explained"
+    assert [(one.name, one.equivalent) for one in found.diagnosis.effects] == [("orthotropy", ())]
+    # The grain lies along x: the first mode is that of a strip of E_x, by Euler and Bernoulli, but for the air.
+    e, _ = value_of(found.diagnosis, "youngs_modulus")
+    ratio, _ = value_of(found.diagnosis, "young_ratio")
+    length, thickness, density = {"wood_A": (0.223, 3e-3, 473.9), "wood_B": (0.212, 4.5e-3, 457.0)}[name]
+    hertz = case(name).peaks[0]
+    strip = 12 * density * (2 * math.pi * hertz * length**2 / 3.516 / thickness) ** 2
+    assert 1.0 < e / ratio**0.5 / strip < 1.15
+    assert ratio < 0.1
 
 
 @pytest.mark.check

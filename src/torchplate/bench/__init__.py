@@ -7,6 +7,7 @@
 - `identification`: the paper's whole identification.
 - `gradient`: what a gradient costs, in evaluations.
 - `slopes`: cost against mesh, members, lines and FRFs.
+- `air`: what the air around a plate costs.
 - `scaling`: what a second process brings.
 - `verification`: not how fast but how right: every figure of the verification page.
 - `marked_page`: where the tables of that page stand.
@@ -17,6 +18,7 @@
 Each part is run in a process of its own, by `torchplate bench`, so that the number of threads is what it says.
 """
 
+from torchplate.bench.air import air
 from torchplate.bench.generation import generation, memory
 from torchplate.bench.gradient import gradient
 from torchplate.bench.identification import identification
@@ -31,6 +33,7 @@ __all__ = [
     "PAGE",
     "SEARCHED",
     "TRUTH",
+    "air",
     "between",
     "generation",
     "gradient",

@@ -61,6 +61,30 @@ class Time(NamedTuple):
         return f"| {self.case} | {self.source} | {self.value:.3g} s | {self.ours:.3g} s | {told} |"
 
 
+class Limit(NamedTuple):
+    """What is to be at most so much.
+
+    Attributes:
+        case: what is measured.
+        source: by which command.
+        value: at most.
+        ours: as measured.
+        unit: of both.
+    """
+
+    case: str
+    source: str
+    value: float
+    ours: float
+    unit: str
+
+    def cells(self) -> str:
+        """The line in Markdown."""
+        told = "within" if self.ours <= self.value else "above"
+        most, ours = (f"{number:.4g} {self.unit}" for number in (self.value, self.ours))
+        return f"| {self.case} | {self.source} | at most {most} | {ours} | {told} |"
+
+
 def blind(folder: Path = RUNS / "blind") -> Iterator[Count]:
     """The rates of every table of plates with hidden effects."""
     for path in sorted(folder.rglob("table.md")):
@@ -82,6 +106,16 @@ def speed(path: Path = RUNS / "bench" / "bench.json") -> Iterator[Time]:
         source = f"{theirs[0]}, {_threads(theirs[1])}"
         for ours in sorted((one for one in seconds if not one[0].startswith("SciPy")), key=lambda one: one[1]):
             yield Time(f"{name}: {ours[0]}, {_threads(ours[1])}", source, seconds[theirs], seconds[ours])
+
+
+def air(path: Path = RUNS / "bench" / "bench.json") -> Iterator[Limit]:
+    """What the air costs: to prepare, and in a search, in CPU seconds."""
+    told = json.loads(path.read_text())["air"]["1"]
+    source = "`torchplate bench --part air`"
+    for sides, seconds in told["prepared_s"].items():
+        yield Limit(f"mass of the air, prepared once: sides {sides}", source, 1.0, seconds, "s")
+    for way, ratio in told["search"].items():
+        yield Limit(f"one generation with air over one without: {way}", source, 1.1, ratio, "times")
 
 
 def _threads(n: str) -> str:

@@ -19,17 +19,21 @@ from torch import Tensor
 
 from torchplate.bench.marked_page import PAGE, put
 from torchplate.bench.published import NAFEMS, SQUARES, SUPPORTED
-from torchplate.bench.recorded import Count, Time, blind, speed
+from torchplate.bench.recorded import Count, Limit, Time, air, blind, speed
 from torchplate.effects import HystereticDamping, Plate
 from torchplate.measurement import Analyser, Spectra
 from torchplate.model import PlateModel, Searched
 from torchplate.notation import percent
 from torchplate.plate import Mesh
+from torchplate.plate.added_mass import N_PANEL, influence, lattice
 
 COARSE, FINE = 8, 16
 NOTHING = torch.zeros(0, dtype=torch.float64)
 # Below this a difference is rounding, which is another one on another processor.
 ROUNDING = 1e-8
+# Added mass of rectangles, three decimals, over that of a cylinder on the short side.
+DNV = "DNV-RP-H103, Table A-2"
+RECTANGLES = {1.0: 0.579, 2.0: 0.757, 10.0: 0.947}
 
 
 class Row(NamedTuple):
@@ -244,12 +248,41 @@ def gradients() -> Iterator[Row]:
         )
 
 
-TABLES: dict[str, Callable[[], Iterator[Row | Count | Time]]] = {
+def around() -> Iterator[Row]:
+    """The mass of the air that plates drag along."""
+    width, radius, short = 0.13, 0.21, 0.31
+    # What the ends lack is the same for both lengths.
+    middle = of_translation(20 * width, width) - of_translation(10 * width, width)
+    strip = middle / (10 * width * width**2)
+    yield Row("added mass of a long strip over ρ b² per length", "ρ π b²/4, Lamb", math.pi / 4, strip)
+    # Equal panels up to a quarter of one within the rim: staircase, whose error changes sign from size to size.
+    found = []
+    for n in range(36, 50, 2):
+        size = 2 * radius / n
+        edge = size * torch.arange(n + 1, dtype=torch.float64) - radius
+        middles = 0.5 * (edge[1:] + edge[:-1])
+        kept = (middles[:, None] ** 2 + middles**2).sqrt().flatten() < radius - size / 4
+        own = influence(edge, middles, edge, middles)[kept][:, kept]
+        found.append(size**2 * float(torch.linalg.inv(own).sum()) / radius**3)
+    yield Row("added mass of a disc over ρ a³", "8/3, Lamb", 8 / 3, sum(found) / len(found))
+    for ratio, coefficient in RECTANGLES.items():
+        ours = of_translation(ratio * short, short) / (math.pi / 4 * short**2 * ratio * short)
+        yield Row(f"added mass of a rectangle of 1 to {ratio:g} over that of a strip", DNV, coefficient, ours)
+
+
+def of_translation(length_x: float, length_y: float) -> float:
+    """Added mass of a plate that moves as a whole, over the density [m³]."""
+    return float(lattice(length_x, length_y, N_PANEL)[1].sum())
+
+
+TABLES: dict[str, Callable[[], Iterator[Row | Count | Time | Limit]]] = {
     "Natural frequencies": natural_frequencies,
     "Convergence": orders,
     "Beside another finite element": beside_scikit_fem,
     "The virtual analyser": analyser,
     "Gradients where modes repeat": gradients,
+    "Air around a plate": around,
+    "What the air costs": air,
     "Plates with hidden effects": blind,
     "Speed, beside SciPy one candidate at a time": speed,
 }

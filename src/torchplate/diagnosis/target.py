@@ -184,7 +184,10 @@ class FrfTarget:
     def wandering(self) -> Wandering:
         """How far the plate's section may wander."""
         # Whoever says that nothing of a test is imperfect asks for a world without nuisances, in the plate too.
-        return UNIFORM if self.imperfections == PERFECT or not self.trusts_the_noise else self.settings.wandering
+        if self.imperfections == PERFECT or not self.trusts_the_noise:
+            return UNIFORM
+        told, wandering = self.imperfections.thickness_scatter, self.settings.wandering
+        return wandering if told is None else replace(wandering, thickness=told)
 
     def specimens(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Specimens:
         """The specimens that a model may stand for.
@@ -228,6 +231,9 @@ class FrfTarget:
         freedom = dict.fromkeys(("mesh",), math.inf)
         told = self.settings.knowledge.told
         freedom |= {field.name: told for field in fields(Imperfections) if self.imperfections.told(field.name)}
+        # Columns of a thickness that wanders are called by what wanders.
+        if "thickness_scatter" in freedom:
+            freedom["thickness"] = freedom.pop("thickness_scatter")
         if not self.trusts_the_noise:
             return Marginal(self.variance / self.independent, None, self.fitted, freedom, self.settings.knowledge)
         shift = torch.zeros_like(self.frequency) if self.mesh_shift is None else self.mesh_shift

@@ -16,6 +16,8 @@ class Imperfections:
         frequency_drift: of all natural frequencies from record to record, relative [-]: temperature, mounting.
         calibration_std: of the level of each channel, relative [-].
         damping_scatter: of each mode's damping from the law that the model has for it, relative [-].
+        thickness_scatter: of the plate's thickness from place to place about its mean, relative [-]. It is of the plate
+            and not of the test, so that a world without imperfections of a test may have it or not.
 
     Raises:
         ValueError: if one is negative or not finite.
@@ -25,6 +27,7 @@ class Imperfections:
     frequency_drift: float | None = None
     calibration_std: float | None = None
     damping_scatter: float | None = None
+    thickness_scatter: float | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -43,6 +46,9 @@ class Imperfections:
 
 
 # A hit within a millimetre of its mark; half a kelvin of drift in a metal (d ln f / dT about -2e-4 per kelvin);
-# transducers calibrated to a per cent; damping that no law hits better than a tenth.
-CAREFUL = Imperfections(position_std=1e-3, frequency_drift=1e-4, calibration_std=0.01, damping_scatter=0.1)
+# transducers calibrated to a per cent; damping that no law hits better than a tenth; a thickness that cold rolling
+# keeps to half a per cent within a sheet.
+CAREFUL = Imperfections(
+    position_std=1e-3, frequency_drift=1e-4, calibration_std=0.01, damping_scatter=0.1, thickness_scatter=5e-3
+)
 PERFECT = Imperfections(0.0, 0.0, 0.0, 0.0)

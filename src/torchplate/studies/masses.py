@@ -11,6 +11,7 @@ Experimental vibration dataset collected of a beam reinforced with masses under 
 Brief (2024).
 """
 
+import itertools
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -56,14 +57,14 @@ class Lost:
     Attributes:
         arrangement: of the masses.
         state: which.
-        share: mass lost over the strip's [-]; negative where mass came.
+        share: mass lost over the strip's [-]; negative where mass came; None where no mass is named.
         std: of that.
-        kind: in a few words.
+        kind: the names, each with those that the tables cannot tell from it.
     """
 
     arrangement: str
     state: str
-    share: float
+    share: float | None
     std: float
     kind: str
 
@@ -113,21 +114,36 @@ def config(arrangement: str, data: Path) -> dict[str, Any]:
 
 def lost(arrangement: str, state: str, found: Mapping[str, Any]) -> Lost:
     """What a diagnosis.json says of the mass: the sum of all masses that changed."""
-    share, variance, kinds = 0.0, 0.0, []
+    share, variance, kinds, massless = 0.0, 0.0, [], True
     for one in found["effects"]:
-        kinds.append(str(one["name"]))
+        kinds.append(str(one["name"]) + "".join(f" or {name}" for name in one["equivalent"]))
         mass = one["parameters"].get("mass")
         if mass is None:
             continue
+        massless = False
         before = MASS * STRIP if one["name"].endswith(".mass") else 0.0
         share += (before - mass["value"]) / STRIP
         variance += ((mass["std"] or 0.0) / STRIP) ** 2
-    return Lost(arrangement, state, share, variance**0.5, " + ".join(kinds) or str(found["verdict"]))
+    kind = "; ".join(kinds) or str(found["verdict"])
+    return Lost(arrangement, state, None if massless else share, variance**0.5, kind)
+
+
+def order(rows: Sequence[Lost]) -> str:
+    """Whether an arrangement's states lost more mass one after another, in a sentence.
+
+    Args:
+        rows: of b, c and d.
+    """
+    unnamed = [row.state for row in rows if row.share is None]
+    shares = [0.0, *(row.share for row in rows if row.share is not None)]
+    grows = all(one < other for one, other in itertools.pairwise(shares))
+    said = f"no mass is named in {', '.join(unnamed)}; the others are" if unnamed else "a < b < c < d:"
+    return f"arrangement {rows[0].arrangement}: {said} {'in' if grows else 'out of'} order"
 
 
 def main(chosen: Sequence[str] = ()) -> None:
     """Every arrangement, or those chosen, and a table of what was lost."""
-    console = Console()
+    console = Console(width=150)
     if not (DATA / "masses_3a.uff").exists():
         console.print(f"{DATA}: Expected the measured strips, found none. Left out.", markup=False)
         return
@@ -142,15 +158,18 @@ def main(chosen: Sequence[str] = ()) -> None:
             content = json.loads((folder / state / "diagnosis.json").read_text())
             rows.append(lost(arrangement, state, content))
     console.print(_table(rows))
+    for arrangement in chosen or ARRANGEMENTS:
+        console.print(order([row for row in rows if row.arrangement == arrangement]))
 
 
 def _table(rows: Sequence[Lost]) -> Table:
     table = Table("arrangement", "state", "what changed", "mass lost, % of the strip", "90 %", "known, %")
     for row in rows:
-        low, high = (100 * (row.share + k * 1.645 * row.std) for k in (-1, 1))
-        known = f"{100 * KNOWN[row.state]:.2f}"
-        amount = f"{100 * row.share:.2f}"
-        table.add_row(row.arrangement, row.state, row.kind, amount, f"{low:.2f} to {high:.2f}", known)
+        known, amount, interval = f"{100 * KNOWN[row.state]:.2f}", "none named", ""
+        if row.share is not None:
+            low, high = (100 * (row.share + k * 1.645 * row.std) for k in (-1, 1))
+            amount, interval = f"{100 * row.share:.2f}", f"{low:.2f} to {high:.2f}"
+        table.add_row(row.arrangement, row.state, row.kind, amount, interval, known)
     return table
 
 

@@ -163,6 +163,20 @@ CASES = (
         wave_speed,
     ),
     Case(
+        "wood_A",
+        "wood A as isotropic, one edge clamped",
+        (52.0, 98.0, 311.0, 337.0, 398.0, 637.0),
+        "wood is stiff along the grain, which lies along x",
+        moduli,
+    ),
+    Case(
+        "wood_B",
+        "wood B as isotropic, one edge clamped",
+        (87.0, 160.0, 540.0, 616.0, 651.0, 1061.0),
+        "wood is stiff along the grain, which lies along x",
+        moduli,
+    ),
+    Case(
         "paper_table5",
         "the paper's printed Table 5, from its Table 4",
         (4.8, 6.8, 8.5, 68.4, 171.4, 178.4, 193.6, 292.8, 293.9, 327.0, 343.7, 364.7, 368.4),

@@ -108,6 +108,13 @@ class MeasurementConfig(Strict):
         default=None,
         ge=0,
     )
+    thickness_scatter: float | None = key(
+        "of the plate's thickness from place to place, relative, for `diagnose` of FRFs; 0.005 where nothing is said; "
+        "`simulate` takes the effect `thickness_field`",
+        example=0.02,
+        default=None,
+        ge=0,
+    )
 
     @field_validator("natural_frequencies", mode="before")
     @classmethod

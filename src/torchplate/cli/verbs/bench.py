@@ -18,7 +18,7 @@ import torch
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from torchplate.bench import generation, gradient, identification, memory, slopes
+from torchplate.bench import air, generation, gradient, identification, memory, slopes
 from torchplate.cli.folder.writing import whole, write_text
 from torchplate.cli.results.table import plain_table
 from torchplate.notation import percent
@@ -29,6 +29,7 @@ PARTS: dict[str, Callable[[], Any]] = {
     "gradient": gradient,
     "slopes": slopes,
     "memory": memory,
+    "air": air,
 }
 
 
@@ -158,12 +159,20 @@ def _show_memory(found: Mapping[str, Any], console: Console) -> None:
     )
 
 
+def _show_air(found: Mapping[str, Any], console: Console) -> None:
+    for sides, seconds in found["prepared_s"].items():
+        console.print(f"  sides {sides}: prepared in {seconds:.3f} s of CPU")
+    for way, ratio in found["search"].items():
+        console.print(f"  {way}: one generation with air takes {percent(ratio - 1, 1, signed=True)} of CPU more")
+
+
 SHOWN: dict[str, Callable[[Any, Console], None]] = {
     "generation": _show_generation,
     "identification": _show_identification,
     "gradient": _show_gradient,
     "slopes": _show_slopes,
     "memory": _show_memory,
+    "air": _show_air,
 }
 
 

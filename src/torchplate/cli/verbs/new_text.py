@@ -73,6 +73,7 @@ def _measurement(draft: "Draft", file: str, nodes: str | None) -> list[str]:
     if draft.measurement.coherence is not None:
         lines.append("  # n_average: 5                  # hits at each point: with it the coherence tells the noise")
     lines.append("  # position_std: 0.001           # m, how far hits and sensors may be off their marks")
+    lines.append("  # thickness_scatter: 0.005      # how far the thickness wanders over the plate, by a calliper")
     return lines
 
 
@@ -135,6 +136,7 @@ def _effects(draft: "Draft") -> list[str]:
         "    effect: hysteretic_damping",
         f"    stiffness_loss_factor: {{low: {_si(low)}, high: {_si(high)}, scale: log}}",
         *_supports(draft),
+        "  # air: {effect: air_loading, density: 1.2}    # kg/m³: what was measured in a room drags the air along",
     ]
     return lines
 

@@ -22,6 +22,7 @@ OF_ONE_LAB = (
     "frequency_drift",
     "calibration_std",
     "damping_scatter",
+    "thickness_scatter",
 )
 
 
