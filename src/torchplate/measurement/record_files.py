@@ -13,7 +13,8 @@ from torchplate.measurement.parsing import reads
 from torchplate.measurement.read import UFF_SUFFIX
 from torchplate.measurement.record_tables import FORCE_NAME, READERS, RecordTable
 from torchplate.measurement.recording import Motion, Recording
-from torchplate.measurement.uff_file import Record, open_uff, read_geometry
+from torchplate.measurement.uff_file import Record, open_uff
+from torchplate.measurement.uff_geometry import geometry_of
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,8 @@ def _most_like_a_pulse(channels: np.ndarray) -> int:
 def _from_uff(path: Path, layout: Layout) -> list[Recording]:
     """Force records and the responses that go with each, by their order in the file."""
     file = open_uff(path)
-    records = [file.record(i) for i, kind in enumerate(file.types) if kind == 58]
+    geometry = geometry_of(file)
+    records = [file.record(index, turned=geometry.turned) for index in file.of_type(58)]
     records = [r for r in records if r.function_type == 1]
     if not records:
         raise MeasurementError(
@@ -192,7 +194,7 @@ def _from_uff(path: Path, layout: Layout) -> list[Recording]:
             f"{path}: expected a record of each response for each of {len(forces)} force records, got "
             f"{len(by_channel[uneven[0]])} of {node}{direction}. Export all channels of each hit."
         )
-    places = tuple(read_geometry(path)[0].items())
+    places = tuple(geometry.places.items())
     found = []
     for number, force in enumerate(forces):
         own = [records_of[number] for records_of in by_channel.values()]
@@ -219,6 +221,7 @@ def _from_uff(path: Path, layout: Layout) -> list[Recording]:
                 has_unit=all(unit is not None for unit in units),
                 source=f"{path}, {force.label}",
                 coordinates=places,
+                notes=tuple(geometry.notes),
             )
         )
     return found
