@@ -67,7 +67,14 @@ def test_the_effect_that_is_named_for_it_turns_all_channels(bench):
     model = bench.plate(())
     frfs = bench.exact_frfs()
     effects = dict(model.effects) | {"polarity": ChannelPolarity(channels=[(None, None)])}
-    known = dict(zip(model.known_names, model.known.tolist(), strict=True))
-    other = type(model)(model.mesh, effects, known, {}, [4, 7], [1, 6])
+    other = type(model)(model.mesh, effects, bench.known | bench.truth)
     found = other.frf(other.known[:0], frfs.frequency, [4, 7], [1, 6], "accelerance")
     assert (found + frfs.frf).abs().max() < 1e-9 * frfs.frf.abs().max()
+
+
+def test_a_model_without_an_interval_is_told_the_sign_too(bench):
+    frfs = bench.exact_frfs()
+    turned = type(frfs)(**{**vars(frfs), "frf": -frfs.frf})
+    (said,) = tp.identify(bench.plate(()), turned).caveats
+    assert said.startswith("With the sign of all FRFs turned the gap is ")
+    assert not tp.identify(bench.plate(()), frfs).caveats

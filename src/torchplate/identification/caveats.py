@@ -47,14 +47,6 @@ def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]
             "prediction. Give one of them as a number."
         )
     of_one_model = isinstance(objective.model, PlateModel)
-    if of_one_model and objective.evidence.measurement is not None and float(objective.gap(theta)) >= NOTHING:
-        turned = float(objective.turned_gap(theta))
-        if turned < NOTHING:
-            sentences.append(
-                f"With the sign of all FRFs turned the gap is {percent(turned)}: a sensor is mounted upside down, or a "
-                "direction is -Z where the file says +Z. Add the effect channel_polarity with channels: "
-                "[[null, null]], or turn the sign in the export."
-            )
     if (table := objective.evidence.natural_frequencies) is not None and (said := assumed(table)):
         sentences.append(said)
     if (modal := objective.evidence.modal_model) is not None and modal.assumed:
@@ -70,3 +62,17 @@ def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]
             "missing in the model."
         )
     return sentences
+
+
+def of_sign(objective: Objective, theta: Tensor) -> list[str]:
+    """What is to be known where all FRFs have the other sign, if they have."""
+    if objective.evidence.measurement is None or float(objective.gap(theta)) < NOTHING:
+        return []
+    turned = float(objective.turned_gap(theta))
+    if not turned < NOTHING:
+        return []
+    return [
+        f"With the sign of all FRFs turned the gap is {percent(turned)}: a sensor is mounted upside down, or a "
+        "direction is -Z where the file says +Z. Add the effect channel_polarity with channels: [[null, null]], or turn "
+        "the sign in the export."
+    ]
