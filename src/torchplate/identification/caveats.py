@@ -73,6 +73,6 @@ def of_sign(objective: Objective, theta: Tensor) -> list[str]:
         return []
     return [
         f"With the sign of all FRFs turned the gap is {percent(turned)}: a sensor is mounted upside down, or a "
-        "direction is -Z where the file says +Z. Add the effect channel_polarity with channels: [[null, null]], or turn "
-        "the sign in the export."
+        "direction is -Z where the file says +Z. Add the effect channel_polarity with channels: [[null, null]], or "
+        "turn the sign in the export."
     ]
