@@ -1,5 +1,6 @@
 """Readers of time records: universal files (58 type 1), WAV, MAT, NPZ, CSV and text, LVM."""
 
+import re
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -61,7 +62,7 @@ def read_recordings(path: Path, layout: Layout | None = None) -> list[Recording]
     except (MeasurementError, MemoryError):
         raise
     except Exception as error:  # whatever a reader says of a file that is not of its format
-        reason = plain(" ".join(str(error).split()))[:120]
+        reason = re.split(r"[.;(] ?", plain(" ".join(str(error).split())))[0][:120]
         raise MeasurementError(
             f"{path}: expected a {suffix[1:].upper()} file with time records, got one that does not parse ({reason}). "
             "Export it again, or as CSV with the columns time, force, response."
@@ -78,7 +79,8 @@ def _from_table(table: RecordTable, path: Path, layout: Layout) -> list[Recordin
     if n_channel < 2:
         raise MeasurementError(
             f"{path}: expected a force and at least one response, got {n_channel} channel. Export the hammer's channel "
-            "beside the responses."
+            "beside the responses; if it is a table of natural frequencies, write them into a config, as measurement: "
+            "{natural_frequencies: {1: 41.3, 2: 77.9}}."
         )
     force, remark = _force_channel(table, path, layout)
     others = [i for i in range(n_channel) if i != force]

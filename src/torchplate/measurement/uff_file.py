@@ -118,6 +118,10 @@ def _complete(path: Path) -> Any:
             f"{path}: expected a universal file (.uff, .unv), got none that can be read ({error.strerror}). "
             "Check the path."
         ) from error
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise MeasurementError(
+            f"{path}: expected a universal file in plain text, got UTF-16. Save it as ASCII, or export it again."
+        )
     try:
         file = pyuff.UFF(str(path))
         n_set = file.get_n_sets()
