@@ -265,3 +265,17 @@ def test_the_measured_spruce_plate_gets_its_published_sides(command, tmp_path):
     assert recipe.config.measurement.gain == "unknown"
     low, high = recipe.config.measurement.band
     assert 20 < low < 60 < 250 < high < 600
+
+
+def test_modes_of_a_file_in_millimetres_come_with_their_frame(roved, tmp_path, command):
+    pytest.importorskip("sdypy.EMA")
+    file = written(roved, tmp_path / "mm.uff", lambda p: (1e3 * p[0] - 210, 1e3 * p[1] - 150, 0.0))
+    status, out, _ = command("modes", file, "--out", tmp_path / "modes.uff")
+    assert status == 0
+    assert "{modal_model: {file: modes.uff}, frame: {unit: mm, origin: [-210, -150, 0]}}" in out
+    status, out, _ = command("modes", written(roved, tmp_path / "m.uff", lambda p: p), "--out", tmp_path / "m.csv")
+    assert "{modal_model: {file: m.csv}}" in out
+    # A file of modes alone has no FRFs, and goes into a config as it is.
+    status, _, error = command("new", tmp_path / "modes.uff", "--out", tmp_path / "plate.yaml")
+    assert status == 2
+    assert "measurement: {modal_model: {file: modes.uff}}" in error

@@ -49,9 +49,13 @@ def read_uff(path: Path, kind: str | None = None, normal: int = 3) -> Measuremen
         seen = sorted({r.function_type for r in records})
         named = ", ".join(f"{t} ({(FUNCTION_TYPE | FUNCTION_TYPE_READ).get(t, 'other')})" for t in seen)
         came = f"function types {named}" if records else "no dataset 58"
+        action = "Export the FRFs from the analyser"
+        if file.of_type(*SHAPES):
+            action = f"Its mode shapes go into a config, as measurement: {{modal_model: {{file: {path.name}}}}}"
+        elif 1 in {r.function_type for r in records}:
+            action = f"Make them from its time records: torchplate frf {path.name} --out FRFS.uff"
         raise MeasurementError(
-            f"{path}: expected FRFs (dataset 58 with function type 4, or 5 for transmissibility), got {came}. "
-            "Export the FRFs from the analyser."
+            f"{path}: expected FRFs (dataset 58 with function type 4, or 5 for transmissibility), got {came}. {action}."
         )
     notes += _left_out(file, records)
     plane = [r for r in frfs if (r.response[1], r.reference[1]) != ("w", "w")]

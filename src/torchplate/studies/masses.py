@@ -25,6 +25,7 @@ from rich.table import Table
 from torchplate.cli.config import dump
 from torchplate.cli.verbs.diagnose import diagnose
 from torchplate.measurement import Measurement, read_measurement
+from torchplate.notation import number_of_percent
 
 DATA = Path("../shared/data")
 OUT = Path("runs/real/masses")
@@ -147,10 +148,10 @@ def main(chosen: Sequence[str] = ()) -> None:
 def _table(rows: Sequence[Lost]) -> Table:
     table = Table("arrangement", "state", "what changed", "mass lost, % of the strip", "90 %", "known, %")
     for row in rows:
-        low, high = (100 * (row.share + k * 1.645 * row.std) for k in (-1, 1))
-        known = f"{100 * KNOWN[row.state]:.2f}"
-        amount = f"{100 * row.share:.2f}"
-        table.add_row(row.arrangement, row.state, row.kind, amount, f"{low:.2f} to {high:.2f}", known)
+        low, high = (number_of_percent(row.share + k * 1.645 * row.std, decimals=2) for k in (-1, 1))
+        known = number_of_percent(KNOWN[row.state], decimals=2)
+        amount = number_of_percent(row.share, decimals=2)
+        table.add_row(row.arrangement, row.state, row.kind, amount, f"{low} to {high}", known)
     return table
 
 
