@@ -14,7 +14,7 @@ from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.selection import forward
+from torchplate.diagnosis.selection import forward, ranking
 from torchplate.diagnosis.selection.criterion import choose
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.ranking import Ranking
@@ -292,6 +292,29 @@ def test_both_of_two_are_named_with_their_numbers(diagnosed):
         assert told.value == pytest.approx(true, abs=4 * told.std + 2e-3 * true)
 
 
+@torch.no_grad()
+@pytest.mark.parametrize(
+    ("by_noise", "squares", "gaps", "worth"),
+    [
+        (True, 0.4, 0.6, True),
+        (True, 0.6, 0.6, False),
+        # It took half of the sum of squares, from lines that nobody sees.
+        (True, 0.4, 0.98, False),
+        # Beside an inflated model error, more probable than none says little.
+        (False, 0.9, 0.6, True),
+        (False, 0.4, 0.85, False),
+    ],
+)
+def test_where_more_is_missing_a_name_has_to_take_a_part_of_what_is_left(lab, by_noise, squares, gaps, worth):
+    scene = lab.Scene(hidden={"gain": 1.5})
+    far = lab.leaving(scene.fit, 1e6)._replace(left=0.8, by_noise=by_noise)
+    hypothesis = scene.hypothesis("sensor_gain")
+    less = lab.leaving(scene.fit, squares * 1e6)._replace(left=gaps * 0.8, by_noise=by_noise)
+    before = State(scene.state.model, far)
+    named = State(scene.state.model, less, (hypothesis,), before)
+    assert forward._worth_their_names(named, SETTINGS.selecting) is (named if worth else before)
+
+
 def test_either_frfs_or_a_table_are_needed(lab):
     one = NaturalFrequencies.from_mapping({4: 80.0})
     measured = lab.measured(LINES, torch.ones(len(LINES), 2, 3, dtype=torch.complex128), RESPONSE, REFERENCE)
@@ -377,6 +400,23 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
         (State(scene.state.model, right), [ranked(0.6, 0.3, 0.1)], 3),
     ):
         assert selection._two_that_promise(one, rankings, most) is None
+    # That which smoothed FRFs were followed to most nearly goes first, from there: sharply the other led it astray.
+    end = torch.full((len(alone.fit.model.names),), 0.4, dtype=torch.float64)
+    second = scene.hypothesis("density")
+    second = replace(second, fit=lab.leaving(second.fit, 1e6))
+    several = replace(ranked(0.8, 0.6, 0.1), hypotheses=(second, alone), ways=((alone.candidate, end),))
+    begun.clear()
+    states = []
+    monkeypatch.setattr(
+        selection, "_needed", lambda state, _: states.append(state) or (choose([both], state.fit), several)
+    )
+    assert selection._two_that_promise(state, [several], 3) is not None
+    assert [one.hypothesis.name for one in states[0].named] == ["sensor_gain"]
+    torch.testing.assert_close(states[0].model.space.to_cube(states[0].fit.theta), end)
+    several = replace(several, ways=((second.candidate, end), (alone.candidate, end)))
+    assert selection._two_that_promise(state, [several], 3) is not None
+    assert [one.hypothesis.name for one in states[1].named] == ["density"]
+    monkeypatch.setattr(selection, "_needed", needed)
     # Nor if both explain no more than none does.
     both = replace(both, fit=far)
     assert selection._two_that_promise(state, [ranked(0.6, 0.3, 0.1)], 3) is None
@@ -426,16 +466,16 @@ def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(
     drop = promised / scene.fit.square
     promise = Scored(candidate, "point_mass", state.model, drop, {}, torch.zeros(1, 3), nothing, nothing)
 
-    def scored(self, _state, by_mesh):
-        asked.append((self.builder.mesh.n_element, by_mesh))
-        return Ranked((promise,) if promised else (), (), 7.0)
+    def scored(_self, fine, by_mesh):
+        asked.append((fine, by_mesh))
+        return Ranked((promise,) if promised else (), (), 7.0, square=fine.fit.square)
 
     monkeypatch.setattr(Ranking, "scored", scored)
     monkeypatch.setattr(selection, "_left_by_mesh", lambda *_: 3.0)
     monkeypatch.setattr(selection, "_needed", lambda state, _: looked.append(state))
     rankings: list[Ranked] = []
     assert selection._one_more(state, settled, rankings) is None
-    assert asked == [(finer.mesh.n_element, 3.0)]
+    assert asked == [(settled, 3.0)]
     assert looked == ([state] if promised > 7 else [])
     assert len(rankings) == (promised <= 7)
     # What a finer mesh did not leave as noise is looked at where it is.
@@ -446,6 +486,69 @@ def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(
     before = scene.builder.n_evaluation
     finer.count(3)
     assert scene.builder.n_evaluation == before + 3
+
+
+@torch.no_grad()
+@pytest.mark.check
+@pytest.mark.parametrize("promised", [5.0, 9.0])
+@pytest.mark.parametrize("little", [True, False], ids=["noise is left", "more is left"])
+def test_what_shows_in_the_noise_has_to_show_on_a_finer_mesh_before_anything_is_refitted(
+    lab, monkeypatch, little, promised
+):
+    scene, looked = lab.Scene(), []
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    nothing, candidate = torch.zeros(0), scene.candidate("point_mass")
+    promise = Scored(candidate, "point_mass", scene.state.model, 0.0, {}, torch.full((1, 5), 0.5), nothing, nothing)
+
+    def nearby(_self, state, _base, _everyone, _by_mesh=0.0, says=None):
+        looked.append("here" if says is None else "finer")
+        return [promise._replace(drop=(9.0 if says is None else promised) / state.fit.square)], 7.0
+
+    for module in (forward, ranking):
+        monkeypatch.setattr(module, "is_noise", lambda _: little)
+    monkeypatch.setattr(Ranking, "_nearby", nearby)
+    refitted = []
+    monkeypatch.setattr(Ranking, "_refitted", lambda _self, _state, chosen, *_, **__: refitted.extend(chosen) or [])
+    ranked = selection.ranking.at(scene.state)
+    assert looked == ["here", "finer"][: 1 + little]
+    assert bool(refitted) == (promised > 7 or not little)
+    assert len(ranked.promises) == 1
+    # What was named already is not asked again here.
+    looked.clear()
+    named = replace(scene.state, named=(None,))
+    selection.ranking.at(named)
+    assert looked == ["here"]
+
+
+@torch.no_grad()
+@pytest.mark.check
+def test_beside_a_finer_mesh_candidates_promise_what_they_would_on_it(lab, monkeypatch):
+    """Changes are those of the mesh where effects are looked for; what is left is the finer one's."""
+    true = plate(hidden=(hide("point_mass", x=0.72, y=0.31, mass=0.004),), refine=10)
+    frf = true.frf(lab.nobody, LINES)
+    std = lab.true_std(frf, SHARE, "mixed")
+    noise, none = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std)), torch.zeros(2, 3, dtype=torch.bool)
+    measured = lab.measured(LINES, frf + lab.noise_of(std, 11), RESPONSE, REFERENCE)
+    selection = ForwardSelection.of(plate(YOUNG), FrfTarget(measured, noise, none, False, PERFECT), {}, lambda _: None)
+    names, every = ("point_mass", "ground_spring", "stiffness_loss", "orthotropy", "density"), ranking.candidates
+
+    def some(*given):
+        return [one for one in every(*given) if one.name in names]
+
+    monkeypatch.setattr(ranking, "candidates", some)
+    given = selection.builder.given
+    start = torch.full((1, 1), 0.5, dtype=torch.float64)
+    state = State(given, fit(selection.builder, given, start, wide=False))
+    builder = selection._on_a_finer_mesh(state)
+    fine = replace(state, fit=fit(builder, given, start, wide=False))
+    finer = ForwardSelection(builder, {}, lambda _: None)
+    found, expected = (
+        {one.candidate.name: one.drop for one in one.ranking.scored(fine, 0.0).promises} for one in (selection, finer)
+    )
+    assert selection.builder.mesh.n_element < builder.mesh.n_element / 5
+    assert expected["point_mass"] == max(expected.values()) > 0.1
+    for name in names:
+        assert found[name] == pytest.approx(expected[name], abs=0.03 * expected["point_mass"]), name
 
 
 @torch.no_grad()

@@ -281,6 +281,16 @@ def test_those_go_on_that_gained_a_quarter_of_what_the_best_did(scene):
     assert scene.ranking._beat(state, [ended(float("inf"), 0.0)]) == module.NOBODY
 
 
+@torch.no_grad()
+def test_what_has_no_number_to_be_fitted_has_no_twin(lab, monkeypatch):
+    scene = lab.Scene(hidden={"gain": 1.5})
+    turned = scene.hypothesis("sensor_gain")
+    turned = replace(turned, candidate=replace(turned.candidate, searched={}))
+    turned = replace(turned, fit=lab.leaving(turned.fit, 1e-3 * scene.fit.square))
+    everyone = [scene.candidate(name) for name in ("density", "hysteretic_damping")]
+    assert scene.ranking.instead.of(scene.state, turned, everyone, module.NOBODY) == []
+
+
 @pytest.mark.check
 @torch.no_grad()
 def test_what_else_may_sit_where_the_best_does_is_tried_there(lab, monkeypatch):

@@ -138,3 +138,11 @@ def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):
         assert all("density, would take" in one and "takes 123 once" in one for one in said)
     named = Trace(after.builder, after.noise, best.fit, before.state, after.state, (ranked,), {})
     assert nothing_but_chance(named) == ()
+    # Where it was scored on a finer mesh, nothing was refitted.
+    nothing = torch.zeros(0, dtype=torch.float64)
+    promise = Scored(best.candidate, best.label, before.state.model, 0.02, {}, nothing[None], nothing, nothing)
+    for promises, expected in (((promise,), ["density, promises to take 20 from", "take 123 once"]), ((), [])):
+        ranked = Ranked(promises, (), 123.4, square=1000.0)
+        said = nothing_but_chance(replace(seen, rankings=(ranked,)))
+        assert len(said) == bool(promises)
+        assert all(word in said[0] for word in expected)

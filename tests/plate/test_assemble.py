@@ -366,21 +366,64 @@ def test_a_patch_costs_its_own_elements_and_gives_what_all_elements_do(batch, by
     else:
         rigidity[[4, 7]] *= 0.6
     counted = []
-    inner = assemble._not_zero
-    monkeypatch.setattr(assemble, "_not_zero", lambda given: counted.append(inner(given)) or inner(given))
+    inner = assemble._few
+    monkeypatch.setattr(assemble, "_few", lambda given: counted.append(inner(given)) or inner(given))
     found = reduced.stiffness(rigidity, geometry)
     (some,) = counted
     assert some.tolist() == [4, 7]
     torch.testing.assert_close(
         found, basis.mT @ full.stiffness(rigidity, geometry) @ basis, rtol=0, atol=1e-12 * found.abs().max().item()
     )
-    # Where most elements differ, or their number depends on the member of a vmap, all of them are summed.
+    # Where most elements differ, all of them are summed; and where nobody may look.
     counted.clear()
     reduced.stiffness(random_rigidity(*batch, mesh.n_element, seed=21), geometry)
     assert counted == [None]
     if batch:
         each = torch.vmap(lambda one: reduced.stiffness(one, geometry))(rigidity)
         torch.testing.assert_close(each, found, rtol=0, atol=1e-12 * found.abs().max().item())
+
+
+# Forward mode loads its own rules by torch.jit.script, which warns of itself.
+@pytest.mark.filterwarnings("ignore:`torch.jit.script`:DeprecationWarning")
+@pytest.mark.parametrize("by_element", [False, True], ids=["projected anew", "each element once"])
+def test_a_patch_that_changes_nothing_yet_has_its_slope(by_element: bool) -> None:
+    mesh = MESHES["free"]
+    full, geometry = Assembly(mesh), geometry_of(mesh)
+    basis = torch.randn(full.size, 7, generator=torch.Generator().manual_seed(24), dtype=torch.float64)
+    reduced, where = Assembly(mesh, basis, by_element), torch.zeros(mesh.n_element, dtype=torch.float64)
+    where[[0, 5]] = 1.0
+    alike = random_rigidity(1, seed=25)
+
+    def stiffness(factor: torch.Tensor) -> torch.Tensor:
+        return reduced.stiffness((1 + (factor - 1) * where)[:, None, None] * alike, geometry)
+
+    # The stiffness goes with the factor along a straight line.
+    expected = stiffness(number(2.0)) - stiffness(number(1.0))
+    backward = torch.autograd.functional.jacobian(stiffness, number(1.0))
+    _, forward = torch.func.jvp(stiffness, (number(1.0),), (number(1.0),))
+    each = torch.vmap(torch.func.jacfwd(stiffness))(torch.ones(2, dtype=torch.float64))
+    for slope in (backward, forward, *each):
+        torch.testing.assert_close(slope, expected, rtol=0, atol=1e-12 * expected.abs().max().item())
+
+
+def test_patches_in_different_places_cost_each_member_its_own_elements(monkeypatch) -> None:
+    mesh = MESHES["free"]
+    geometry = geometry_of(mesh)
+    full = Assembly(mesh)
+    basis = torch.randn(full.size, 7, generator=torch.Generator().manual_seed(22), dtype=torch.float64)
+    reduced = Assembly(mesh, basis)
+    # One patch in each element, the first as well, of 2 × 6 members: together they are everywhere.
+    factor = 1 - 0.4 * torch.eye(mesh.n_element, dtype=torch.float64).reshape(2, 6, mesh.n_element)
+    rigidity = factor[..., None, None] * random_rigidity(1, seed=23)
+    counted = []
+    inner = Assembly._project
+    monkeypatch.setattr(
+        Assembly, "_project", lambda self, given, some=None: counted.append(given.shape[-3]) or inner(self, given, some)
+    )
+    found = reduced.stiffness(rigidity, geometry)
+    assert counted == [1] * 12
+    expected = basis.mT @ full.stiffness(rigidity, geometry) @ basis
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-12 * found.abs().max().item())
 
 
 def test_rows_in_a_basis_are_made_once_for_places_that_stay_and_anew_in_another_basis() -> None:

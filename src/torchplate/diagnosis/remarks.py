@@ -97,13 +97,22 @@ def all_remarks(noise: Noise, final: State, prior: Prior) -> tuple[str, ...]:
 
 def nothing_but_chance(seen: Trace) -> tuple[str, ...]:
     """What the best of the catalogue would take where nothing was named, beside what chance takes."""
-    if seen.final.named or not seen.rankings or seen.rankings[0].by_chance <= 0 or not seen.rankings[0].hypotheses:
+    if seen.final.named or not seen.rankings or seen.rankings[0].by_chance <= 0:
         return ()
     ranked = seen.rankings[0]
-    best = min(ranked.hypotheses, key=lambda one: one.cost)
-    fall = max(0.0, seen.baseline.fit.cost - best.fit.cost)
+    if not ranked.hypotheses:
+        if not ranked.promises:
+            return ()
+        best = ranked.promises[0]
+        return (
+            f"On a finer mesh the best of the catalogue, {best.candidate.name}, promises to take "
+            f"{best.drop * ranked.square:.3g} from the sum of squares; where nothing is missing, chance and that mesh "
+            f"let the best take {ranked.by_chance:.3g} once in a hundred times.",
+        )
+    nearest = min(ranked.hypotheses, key=lambda one: one.cost)
+    fall = max(0.0, seen.baseline.fit.cost - nearest.fit.cost)
     return (
-        f"The best of the catalogue, {best.name}, would take {fall:.3g} from −2 ln L; where nothing is "
+        f"The best of the catalogue, {nearest.name}, would take {fall:.3g} from −2 ln L; where nothing is "
         f"missing, the best takes {ranked.by_chance:.3g} once in a hundred times.",
     )
 

@@ -9,7 +9,7 @@ import copy
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array, csr_array, diags_array
 from torch import Tensor, nn
 
@@ -18,7 +18,7 @@ from torchplate.plate.added_mass import AddedMass
 from torchplate.plate.correction import Correction, Unevenness
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Geometry, Local, Proportional, Section, Sprung, System, concatenate
-from torchplate.plate.transforms import REMEMBERED, is_vmapped, stays, transformed
+from torchplate.plate.transforms import REMEMBERED, stays, transformed
 
 # Fixed matrices, of a uniform plate and of projected elements, are kept up to these sizes; beyond they are made anew.
 UNIFORM_BYTES, ELEMENT_BYTES = 256 * 2**20, 512 * 2**20
@@ -317,21 +317,33 @@ class Assembly(nn.Module):
             return (coefficient[..., 0, :] @ flat).unflatten(-1, (self.size, self.size))
         coefficient = coefficient.expand(*coefficient.shape[:-2], self.mesh.n_element, coefficient.shape[-1])
         each = self.elements if which.start == 0 else self.element_masses
-        apart, some = coefficient - coefficient[..., :1, :], None
-        if each is not None or (self.basis is not None and self.uniform is not None):
-            # What is the same in all elements is one product for all of them: a patch then costs its own elements.
-            some = _not_zero(apart)
+        if each is None and (self.basis is None or self.uniform is None):
+            matrices = torch.einsum("...ek,kpq->...epq", coefficient, pattern)
+            return self._scatter(matrices) if self.basis is None else self._project(matrices)
+        # What is the same in most elements is one product for all of them: a patch then costs its own elements.
+        most = coefficient.median(-2, keepdim=True).values
+        found = self._assemble(most, pattern, which)
+        apart = coefficient - most
+        differs = _differs(apart)
+        some = None if differs is None else _few(differs.any(0))
         if each is not None:
             if some is not None:
                 apart = apart[..., some, :]
                 each = each.unflatten(0, (-1, self.mesh.n_element))[:, some].flatten(0, 1)
-            found = self._assemble(coefficient[..., :1, :], pattern, which)
             return found + (apart.mT.flatten(-2) @ each)[..., self.mirror]
-        if some is not None:
-            matrices = torch.einsum("...ek,kpq->...epq", apart[..., some, :], pattern)
-            return self._assemble(coefficient[..., :1, :], pattern, which) + self._project(matrices, some)
-        matrices = torch.einsum("...ek,kpq->...epq", coefficient, pattern)
-        return self._scatter(matrices) if self.basis is None else self._project(matrices)
+        if differs is None or some is not None or 2 * int(differs.sum()) >= differs.numel():
+            return found + self._elements(apart, pattern, some)
+        # Patches in different places: each member has its own elements.
+        alone = zip(apart.flatten(0, -3), differs, strict=True)
+        own = torch.stack([self._elements(one, pattern, torch.nonzero(where).flatten()) for one, where in alone])
+        return found + own.unflatten(0, apart.shape[:-2])
+
+    def _elements(
+        self, coefficient: Float[Tensor, "*batch n_element n_pattern"], pattern: Tensor, some: Tensor | None
+    ) -> Float[Tensor, "*batch n n"]:
+        """Σ over patterns and elements, or some of these, in the basis."""
+        coefficient = coefficient if some is None else coefficient[..., some, :]
+        return self._project(torch.einsum("...ek,kpq->...epq", coefficient, pattern), some)
 
     def _scatter(self, matrices: Float[Tensor, "*batch n_element 12 12"]) -> Float[Tensor, "*batch n n"]:
         size = self._width
@@ -361,10 +373,17 @@ class Assembly(nn.Module):
         return torch.cat([self.basis, self.basis.new_zeros(1, self.size)])[self.position]
 
 
-def _not_zero(coefficient: Float[Tensor, "*batch n_element n_pattern"]) -> Tensor | None:
-    """The elements of which a coefficient of any member is not zero; None where these are most, or nobody may look."""
-    if is_vmapped(coefficient):
+def _differs(coefficient: Float[Tensor, "*batch n_element n_pattern"]) -> Bool[Tensor, "n_member n_element"] | None:
+    """The elements of which a coefficient of each member is not zero; None where nobody may look.
+
+    What is zero here and has a derivative does not stay zero.
+    """
+    if coefficient.requires_grad or transformed():
         return None
-    some = coefficient.detach().ne(0).any(-1)
-    found = torch.nonzero(some.reshape(-1, some.shape[-1]).any(0)).flatten()
-    return found if 2 * len(found) < coefficient.shape[-2] else None
+    return coefficient.ne(0).any(-1).reshape(-1, coefficient.shape[-2])
+
+
+def _few(where: Bool[Tensor, " n_element"]) -> Int[Tensor, " n_some"] | None:
+    """Which these are; None where they are most."""
+    found = torch.nonzero(where).flatten()
+    return found if 2 * len(found) < len(where) else None

@@ -54,7 +54,7 @@ class ForwardSelection:
     def __init__(self, builder: ModelBuilder, prior: Prior, say: Callable[[str], None]) -> None:
         self.builder, self.prior, self.say = builder, prior, say
         self.settings = builder.target.settings.selecting
-        self.ranking = Ranking(builder, prior, channels_of(builder.given), say)
+        self.ranking = Ranking(builder, prior, channels_of(builder.given), say, self._beside_a_finer_mesh)
         self.exchange = Exchange(builder, self.ranking, prior, say)
 
     def against(self, target: FrfTarget) -> "ForwardSelection":
@@ -280,15 +280,30 @@ class ForwardSelection:
             rankings: the new one joins them.
         """
         self.say("nothing but noise is left: looking for what hides in it")
-        if state is not before:
-            builder = self._on_a_finer_mesh(state)
-            finer = ForwardSelection(builder, self.prior, self.say)
-            scored = finer.ranking.scored(state, self._left_by_mesh(before, state, builder))
-            if not scored.promises or scored.promises[0].drop * state.fit.square <= scored.by_chance:
-                rankings.append(scored)
-                return None
+        if state is not before and (scored := self._nothing_hides(before, state)) is not None:
+            rankings.append(scored)
+            return None
         needed = self._needed(before, rankings)
         return None if needed is None else self._explained(self._added(before, *needed), doubted=True)
+
+    def _beside_a_finer_mesh(self, state: State) -> Ranked | None:
+        """The catalogue beside a state that leaves noise, scored on a finer mesh; None where something hides there."""
+        self.say("  the mesh may be what that is: the model as it is on a finer one")
+        builder = self._on_a_finer_mesh(state)
+        start, about = state.model.space.to_cube(state.fit.theta)[None], known_section(state.fit)
+        fine = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False, about=about))
+        return self._nothing_hides(state, fine) if is_noise(fine.fit) else None
+
+    def _nothing_hides(self, coarse: State, fine: State) -> Ranked | None:
+        """The catalogue scored on the mesh that a state was settled on; None where it promises more than chance.
+
+        Args:
+            coarse: the state on the mesh where effects are looked for.
+            fine: where the last models are settled.
+        """
+        scored = self.ranking.scored(fine, self._left_by_mesh(coarse, fine, self._on_a_finer_mesh(fine)))
+        more = bool(scored.promises) and scored.promises[0].drop * scored.square > scored.by_chance
+        return None if more else scored
 
     def _left_by_mesh(self, coarse: State, fine: State, finer: ModelBuilder) -> float:
         """Sum of squares that the finer mesh may have left, from what two meshes differ by where both are fitted.
@@ -406,7 +421,14 @@ class ForwardSelection:
         chosen: list[Hypothesis] = []
         # A support at a place that was found was not scored.
         scored = [one for one in ranked.hypotheses if one.name in promised]
-        for one in sorted(scored, key=lambda one: -promised[one.name].drop):
+        ends = {id(candidate): (rank, end) for rank, (candidate, end) in enumerate(ranked.ways)}
+
+        def nearest_first(one: Hypothesis) -> tuple[int, float]:
+            """Those that smoothed FRFs were followed to, the nearest first; the others by what they promised."""
+            rank, _ = ends.get(id(one.candidate), (len(ends), None))
+            return rank, -promised[one.name].drop
+
+        for one in sorted(scored, key=nearest_first):
             much = promised[one.name].drop >= 1 - settings.explains_much
             if much and not any(other.name in alike[one.name] for other in chosen):
                 chosen.append(one)
@@ -414,6 +436,10 @@ class ForwardSelection:
         for one in chosen[: settings.n_best]:
             self.say(f"{one.name} promised much and explains little: looking for what else is missing")
             start = self._added(state, choose(ranked.hypotheses, state.fit, one), ranked)
+            _, end = ends.get(id(one.candidate), (0, None))
+            if end is not None:
+                # Sharply it went to where the other, which lacks, let it; smoothed FRFs see both.
+                start = replace(start, fit=judged_at(self.builder, one.fit, self.prior, end))
             needed = self._needed(start, rankings)
             if needed is None:
                 continue
@@ -446,10 +472,16 @@ class ForwardSelection:
 
 
 def _explains_much(state: State, settings: Selecting) -> bool:
-    """Whether the last effect explains much, or all that was left; else it may stand in for something else."""
-    if state.previous is None or is_noise(state.fit) or not state.fit.by_noise:
+    """Whether the last effect explains much, or all that was left; else it may stand in for something else.
+
+    It has to show in the gap; beside an inflated model error, where squares say little, it has to take a part of that.
+    """
+    if state.previous is None or is_noise(state.fit):
         return True
-    return state.fit.square <= settings.explains_much * state.previous.fit.square
+    fit, before = state.fit, state.previous.fit
+    if not fit.by_noise:
+        return fit.left <= settings.explains_some * before.left
+    return fit.square <= settings.explains_much * before.square and fit.left <= settings.shows * before.left
 
 
 def _worth_their_names(state: State, settings: Selecting) -> State:

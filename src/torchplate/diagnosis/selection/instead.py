@@ -78,8 +78,11 @@ class Instead:
     ) -> list[tuple[Candidate, str, list[dict[str, float]]]]:
         """All over the plate, where that promises there about what the best itself does.
 
-        Beside a model that lacks it, and a specimen that has taken on some of it, its twin may promise nothing.
+        Beside a model that lacks it, and a specimen that has taken on some of it, its twin may promise nothing. What
+        has no number to be fitted, as channels that were exchanged, has no twin.
         """
+        if not best.candidate.searched:
+            return []
         without = self.builder.reduced(state.fit.model, theta[None])
         without = self.builder.target.specimen(without, theta, best.fit.about)
         alike = [one for one in everyone if not one.has_place and one.searched]

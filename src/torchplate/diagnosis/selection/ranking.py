@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -36,31 +37,44 @@ class Ranking:
         prior: what is known of the given model's parameters beforehand.
         channels: what was measured.
         say: is told what is being tried.
+        finer: the catalogue beside a model that leaves noise, scored on a finer mesh, where it promises nothing.
     """
 
-    def __init__(self, builder: ModelBuilder, prior: Prior, channels: Channels, say: Callable[[str], None]) -> None:
-        self.builder, self.prior, self.channels, self.say = builder, prior, channels, say
+    def __init__(
+        self,
+        builder: ModelBuilder,
+        prior: Prior,
+        channels: Channels,
+        say: Callable[[str], None],
+        finer: Callable[[State], Ranked | None] = lambda _: None,
+    ) -> None:
+        self.builder, self.prior, self.channels, self.say, self.finer = builder, prior, channels, say, finer
         self.settings = builder.target.settings
         self.refits, self.afar = Refits(builder, prior, say), FromAfar(builder, prior)
         self.grounded, self.instead = Grounded(builder, self.refits), Instead(builder, prior, self.refits)
         self._far: set[str] = set()
+        self._ways: tuple[tuple[Candidate, Tensor], ...] = ()
 
-    def scored(self, state: State, by_mesh: float) -> Ranked:
-        """Score the whole catalogue, where little is left, and refit nothing.
+    def scored(self, fine: State, by_mesh: float) -> Ranked:
+        """Score the whole catalogue beside a state on a finer mesh, where little is left, and refit nothing.
+
+        What is left is that mesh's; what candidates would change of it, a difference, is known well enough on this one.
 
         Args:
-            state: beside which.
-            by_mesh: sum of squares that the mesh may have left.
+            fine: beside which.
+            by_mesh: sum of squares that the finer mesh may have left.
         """
+        model = self.builder.corrected(fine.fit.model, fine.fit.theta).model
+        state = replace(fine, fit=fine.fit._replace(model=model))
         base, everyone = self._catalogue_beside(state)
-        promises, by_chance = self._nearby(state, base, everyone, by_mesh)
-        return Ranked(tuple(promises), (), by_chance)
+        promises, by_chance = self._nearby(state, base, everyone, by_mesh, fine.fit.expected)
+        return Ranked(tuple(promises), (), by_chance, square=fine.fit.square)
 
     def at(self, state: State) -> Ranked:
         """Score the whole catalogue, and refit what promises most."""
         builder, misfit = self.builder, state.fit.reduced_misfit
         base, everyone = self._catalogue_beside(state)
-        self._far = set()
+        self._far, self._ways = set(), ()
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         hypotheses: list[Hypothesis] = []
@@ -74,6 +88,8 @@ class Ranking:
             # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
             best = promises[0].drop * state.fit.square if promises else 0.0
             no_more = is_noise(state.fit) and best <= by_chance
+            if is_noise(state.fit) and not no_more and not state.named and (scored := self.finer(state)) is not None:
+                return scored
             wanted = (0 if state.named else 1) if no_more else screening.n_sharp
             near = promising(promises, wanted, screening)
             chosen = [(one, one.starts) for one in near]
@@ -109,7 +125,8 @@ class Ranking:
             priced, supports = self.grounded.as_supports(state, found, limit, beat) if grounded else (found, [])
             # A support stays where it is: it is named where little else is missing, and it is there.
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= selecting.little)]
-        return Ranked(tuple(promises), tuple(best_of_each(ended)), by_chance, frozenset(self._far))
+        every = tuple(best_of_each(ended))
+        return Ranked(tuple(promises), every, by_chance, frozenset(self._far), ways=self._ways)
 
     def _catalogue_beside(self, state: State) -> tuple[PlateModel, list[Candidate]]:
         """The plate that candidates are scored beside, in few modes, and all of them."""
@@ -137,15 +154,20 @@ class Ranking:
         return rearrangements(self.channels, target.measured, state.fit.expected, weight)
 
     def _nearby(
-        self, state: State, base: PlateModel, everyone: Sequence[Candidate], by_mesh: float = 0.0
+        self,
+        state: State,
+        base: PlateModel,
+        everyone: Sequence[Candidate],
+        by_mesh: float = 0.0,
+        says: Tensor | None = None,
     ) -> tuple[list[Scored], float]:
         """All candidates scored where peaks overlap; and what chance takes with the mesh, where little is left."""
         builder, near = self.builder, state.fit.marginal
-        if (step := self._line_step(state)) > 1:
+        if says is None and (step := self._line_step(state)) > 1:
             builder = builder.against(builder.target.every(step))
             near = builder.target.marginal(base, state.fit.theta, state.fit.about).rescaled(near.scale)
         draws = self._by_chance(state, builder.target)
-        promises = screen(builder, base, state.fit.theta, everyone, self.prior, near=near, draws=draws)
+        promises = screen(builder, base, state.fit.theta, everyone, self.prior, near=near, draws=draws, says=says)
         if draws is None:
             return promises, 0.0
         by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
@@ -164,6 +186,7 @@ class Ranking:
         ways = promising(scored, self.settings.screening.n_wide, self.settings.screening)
         ways += [one for one in scored if one.candidate.replaces and all(one is not way for way in ways)]
         down = self.afar.down(state, ways)
+        self._ways = tuple((one.candidate, starts[0]) for one, starts in down)
         self._far |= {one.candidate.name for one in ways} - {one.candidate.name for one, _ in down}
         return scored, down
 

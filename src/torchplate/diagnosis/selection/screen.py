@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate, distance, vector
@@ -63,6 +63,7 @@ def screen(
     prior: Prior,
     near: Marginal | None = None,
     draws: Float[Tensor, "n_draw n_residual"] | None = None,
+    says: Complex[Tensor, "n_frequency n_response n_reference"] | None = None,
 ) -> list[Scored]:
     """Score all candidates, the most promising first.
 
@@ -75,16 +76,19 @@ def screen(
         near: noise and nuisances beside the baseline, where it is nearly right, so that peaks overlap: candidates are
             then scored at the sharp level, by small steps; None elsewhere.
         draws: residuals at the sharp level that chance makes, to be scored too.
+        says: what the baseline is better known to say; left out, what it says in the basis. Changes beside it are those
+            of the basis.
     """
     level = builder.target.levels - 1 if near is not None else builder.target.settings.wide.screened
     here = Problem(builder, base, prior, near)
     position = base.space.to_cube(theta)
     plain = here.predict(theta, level)
-    residual = here.deviations(plain, theta, level)
+    own = here.deviations(plain, theta, level)
+    residual = own if says is None else here.deviations(says, theta, level)
     # What ended on the edge of its interval is not free to do anything more.
     loose = ~base.space.at_bound(theta)
     if bool(loose.any()):
-        jacobian = JACOBIANS["forward"].differentiate(lambda p: here.residual(p, level), position[None], residual[None])
+        jacobian = JACOBIANS["forward"].differentiate(lambda p: here.residual(p, level), position[None], own[None])
         tangent = jacobian[0][:, loose]
         norm = tangent.norm(dim=0).clamp(min=1e-300)
         known, upper = torch.linalg.qr(tangent / norm)

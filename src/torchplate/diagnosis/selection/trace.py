@@ -2,6 +2,10 @@
 
 from dataclasses import dataclass
 
+from jaxtyping import Float
+from torch import Tensor
+
+from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
@@ -91,9 +95,13 @@ class Ranked:
         by_chance: what chance, and the mesh where that may show, let the best of the catalogue take from the sum of
             squares once in a hundred; 0 where so much is left that it was not asked.
         far: names that were fitted beside the frequency axis alone, where they stayed far above the best.
+        square: that the promises are parts of, where they were asked on a finer mesh and nothing was refitted; else 0.
+        ways: candidates where they ended beside the frequency axis, on the unit cube, the nearest first.
     """
 
     promises: tuple[Scored, ...]
     hypotheses: tuple[Hypothesis, ...]
     by_chance: float = 0.0
     far: frozenset[str] = frozenset()
+    square: float = 0.0
+    ways: tuple[tuple[Candidate, Float[Tensor, " n"]], ...] = ()
