@@ -43,3 +43,14 @@ def drop(part: float) -> str:
         part: of a whole [-], below zero where it would grow.
     """
     return "none" if part <= -LEAST else percent(part)
+
+
+def number_of_percent(part: float, digits: int = 3, *, decimals: int | None = None) -> str:
+    """The same without its sign, where the head of a column or an axis has it: "36.3".
+
+    Args:
+        part: of a whole [-].
+        digits: as for `percent`.
+        decimals: likewise.
+    """
+    return percent(part, digits, decimals=decimals).removesuffix(" %")

@@ -137,14 +137,55 @@ def test_a_file_without_places_takes_a_table(roved, tmp_path, command):
     assert recipe.placement(recipe.measurement()).by == "coordinate"
 
 
-def test_without_thickness_the_number_of_peaks_brackets_it(roved, tmp_path, command):
+def test_without_thickness_the_resonances_tell_it(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", lambda p: p)
-    assert command("new", file, "--material", "aluminium", "--out", tmp_path / "plate.yaml")[0] == 0
+    status, out, _ = command("new", file, "--material", "aluminium", "--out", tmp_path / "plate.yaml")
+    assert status == 0
+    # A model of few elements and steps of 1 % tell 3 mm within the two digits that are said.
+    assert "guess: thickness near 3 mm, by the resonances: give --thickness" in out
     recipe = load_run(tmp_path / "plate.yaml")
     ends = recipe.raw["effects"]["plate"]["thickness"]
     assert ends["low"] < 0.003 < ends["high"]
     assert recipe.raw["measurement"]["gain"] == "unknown"
     assert "plate.thickness" in recipe.model().names
+
+
+def test_a_material_that_nobody_named_is_told_by_its_resonances(roved, tmp_path, command):
+    file = written(roved, tmp_path / "test.uff", lambda p: p)
+    status, out, _ = command("new", file, "--thickness", "0.003", "--out", tmp_path / "plate.yaml")
+    assert status == 0
+    # √(70.5 GPa / 2700 kg/m³) is 5110 m/s.
+    said = next(line for line in out.splitlines() if "√(E/ρ)" in line)
+    assert said.startswith("  guess: √(E/ρ) is near 5")
+    assert "aluminium" in said
+    assert "material not named, so only h√(E/ρ) can be found: give --material" in said
+    assert "grain" not in load_run(tmp_path / "plate.yaml").raw["effects"]
+    # With its mass, what is as stiff for its weight and heavier is out.
+    more = ("--mass", "1.02", "--force", "--out", tmp_path / "plate.yaml")
+    out = command("new", file, "--thickness", "0.003", *more)[1]
+    assert "as in aluminium: " in out or "as in aluminium; " in out
+
+
+def test_wood_that_nobody_named_is_told_by_its_resonances(tmp_path, command):
+    grain = {"effect": "orthotropy", "young_ratio": 11.0, "shear_factor": 0.9}
+    plate = {"effect": "plate", "youngs_modulus": 3.3e9, "poisson_ratio": 0.1, "density": 440.0, "thickness": 0.004}
+    analyser = TRUTH["modal_test"]["analyser"] | {"n_line": 400}
+    truth = TRUTH | {"effects": TRUTH["effects"] | {"plate": plate, "grain": grain}}
+    truth["modal_test"] = TRUTH["modal_test"] | {"analyser": analyser, "refine": 4}
+    (tmp_path / "truth.yaml").write_text(json.dumps(truth))
+    assert command("simulate", tmp_path / "truth.yaml", "--out", tmp_path / "test.uff")[0] == 0
+    status, out, _ = command("new", tmp_path / "test.uff", "--out", tmp_path / "plate.yaml")
+    assert status == 0
+    # The shorter side is along the grain, which the longer one is taken to be where nothing else is known.
+    assert "the resonances are those of wood with its grain along y" in out
+    assert "material taken as wood: give --material spruce" in out
+    raw = load_run(tmp_path / "plate.yaml").raw
+    ratio, shear = raw["effects"]["grain"]["young_ratio"], raw["effects"]["grain"]["shear_factor"]
+    assert ratio["low"] < 11.0 < ratio["high"]
+    assert shear["low"] < 0.9 < shear["high"]
+    # 4 mm of √(3.3 GPa / 440) m/s are as stiff as 4.47 mm of wood's usual √(3 GPa / 500).
+    assert raw["effects"]["plate"]["thickness"]["low"] < 0.00447 < raw["effects"]["plate"]["thickness"]["high"]
+    assert raw["measurement"]["gain"] == "unknown"
 
 
 def test_wood_is_searched_along_and_across_the_grain(roved, tmp_path, command):
@@ -240,3 +281,17 @@ def test_the_measured_spruce_plate_gets_its_published_sides(command, tmp_path):
     assert recipe.config.measurement.gain == "unknown"
     low, high = recipe.config.measurement.band
     assert 20 < low < 60 < 250 < high < 600
+
+
+def test_modes_of_a_file_in_millimetres_come_with_their_frame(roved, tmp_path, command):
+    pytest.importorskip("sdypy.EMA")
+    file = written(roved, tmp_path / "mm.uff", lambda p: (1e3 * p[0] - 210, 1e3 * p[1] - 150, 0.0))
+    status, out, _ = command("modes", file, "--out", tmp_path / "modes.uff")
+    assert status == 0
+    assert "{modal_model: {file: modes.uff}, frame: {unit: mm, origin: [-210, -150, 0]}}" in out
+    status, out, _ = command("modes", written(roved, tmp_path / "m.uff", lambda p: p), "--out", tmp_path / "m.csv")
+    assert "{modal_model: {file: m.csv}}" in out
+    # A file of modes alone has no FRFs, and goes into a config as it is.
+    status, _, error = command("new", tmp_path / "modes.uff", "--out", tmp_path / "plate.yaml")
+    assert status == 2
+    assert "measurement: {modal_model: {file: modes.uff}}" in error

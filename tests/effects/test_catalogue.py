@@ -229,6 +229,16 @@ def test_the_plate_has_one_scale_in_each_unit():
         assert (found.low, found.high) == pytest.approx((0.2 * value, 0.7 * value), rel=1e-12)
 
 
+def test_a_poisson_ratio_below_zero_has_a_prior_too_and_one_of_zero_is_not_looked_for():
+    effect = CATALOGUE["poisson_ratio"]
+    plan = _model(Plate, {}, {}).plan(THETA)
+    below = plan.section._replace(poisson_ratio=torch.full_like(plan.section.poisson_ratio, -0.02))
+    found = effect.parameters["value"].prior_interval(below, plan.geometry)
+    assert (found.low, found.high) == pytest.approx((-0.03, -0.01))
+    assert effect.may_be_missing(below)
+    assert not effect.may_be_missing(below._replace(poisson_ratio=torch.zeros_like(below.poisson_ratio)))
+
+
 def test_a_prior_is_cut_to_what_is_allowed():
     plan = _model(Plate, {}, {}).plan(THETA)
     poisson = Parameter("-", "ν", Interval(-0.99, 0.4), prior=Prior(0.5, 1.5, relative_to="poisson_ratio"))

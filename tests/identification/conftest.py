@@ -45,6 +45,7 @@ def exact_frfs(kind: str = "accelerance") -> Measurement:
 
 class Bench:
     truth = {name: value for name, (value, _) in BOX.items()}
+    known = KNOWN
     plate = staticmethod(plate)
     exact_frfs = staticmethod(exact_frfs)
 

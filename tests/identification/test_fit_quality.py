@@ -5,6 +5,7 @@ import math
 import pytest
 
 import torchplate as tp
+from torchplate.effects import ChannelPolarity
 from torchplate.identification import fit_in_words
 
 
@@ -46,3 +47,34 @@ def test_a_search_that_has_settled_on_frfs_of_another_plate_is_told_as_poor(benc
     assert found.status == tp.Status.tolerance.value
     assert found.gap > 0.5
     assert "Do not use the values" in found.to_dict()["fit"]
+
+
+@pytest.mark.parametrize("objective", ["log_amplitude", "relative_frf_norm"])
+@pytest.mark.parametrize("gain_is_unknown", [True, False])
+def test_a_sensor_upside_down_is_told_where_all_frfs_have_the_other_sign(bench, objective, gain_is_unknown):
+    frfs = bench.exact_frfs()
+    turned = type(frfs)(**{**vars(frfs), "frf": -frfs.frf})
+    model = bench.plate(["plate.youngs_modulus"])
+    search = tp.DifferentialEvolution(strategy="best/1/bin", n_member=10)
+    options = {"objective": objective, "gain_is_unknown": gain_is_unknown, "n_generation": 30}
+    said = [one for one in tp.identify(model, turned, search, **options).caveats if "sign of all FRFs" in one]
+    # A norm of amplitude and phase ends anywhere; decibels find the plate, whatever its sign.
+    assert len(said) == 1 or objective != "log_amplitude"
+    assert not [one for one in tp.identify(model, frfs, search, **options).caveats if "sign of all FRFs" in one]
+
+
+def test_the_effect_that_is_named_for_it_turns_all_channels(bench):
+    model = bench.plate(())
+    frfs = bench.exact_frfs()
+    effects = dict(model.effects) | {"polarity": ChannelPolarity(channels=[(None, None)])}
+    other = type(model)(model.mesh, effects, bench.known | bench.truth)
+    found = other.frf(other.known[:0], frfs.frequency, [4, 7], [1, 6], "accelerance")
+    assert (found + frfs.frf).abs().max() < 1e-9 * frfs.frf.abs().max()
+
+
+def test_a_model_without_an_interval_is_told_the_sign_too(bench):
+    frfs = bench.exact_frfs()
+    turned = type(frfs)(**{**vars(frfs), "frf": -frfs.frf})
+    (said,) = tp.identify(bench.plate(()), turned).caveats
+    assert said.startswith("With the sign of all FRFs turned the gap is ")
+    assert not tp.identify(bench.plate(()), frfs).caveats

@@ -1,5 +1,6 @@
 """`tp.identify`: what `run` does, in Python."""
 
+import dataclasses
 import json
 
 import pytest
@@ -96,3 +97,28 @@ def test_it_goes_on_from_a_checkpoint_to_the_identical_result(bench):
     whole = tp.identify(model, frfs, SEARCH, n_generation=4, on_generation=lambda p: kept.append(p.checkpoint()))
     rest = tp.identify(model, frfs, SEARCH, n_generation=4, resume=kept[2])
     assert rest.to_dict() == whole.to_dict()
+
+
+def test_a_model_without_an_interval_is_held_against_the_full_one_once(bench, monkeypatch):
+    from torchplate.identification import basis_check, evaluation
+    from torchplate.model import fine_mesh, reduced_basis
+
+    model = bench.plate(())
+    calls = []
+
+    def counted(*arguments, **options):
+        calls.append(arguments)
+        return measured(*arguments, **options)
+
+    measured = reduced_basis.basis_error
+    for module in (reduced_basis, evaluation):
+        monkeypatch.setattr(module, "basis_error", counted)
+    # As if its mesh were fine: a basis serves it then, though nothing is searched.
+    for module in (basis_check, fine_mesh):
+        monkeypatch.setattr(module, "DENSE", 40)
+    fine = type(model)(dataclasses.replace(model.mesh, refine=4), model.effects, bench.known | bench.truth)
+    found = tp.identify(fine, bench.exact_frfs())
+    assert found.basis_error is not None
+    assert found.basis_error < 1e-4
+    # Each comparison takes a factorisation of the whole matrix at every line.
+    assert len(calls) == 1

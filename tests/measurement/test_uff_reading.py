@@ -423,17 +423,3 @@ def test_one_label_may_hold_motion_and_force(numerator, denominator, factor, rec
     measurement = read_measurement(path)
     np.testing.assert_allclose(measurement.frf[:, 0, 0].numpy(), factor * VALUES, rtol=SIX_DIGITS)
     assert measurement.notes == ()
-
-
-def test_nodes_in_coordinate_systems_of_their_own_are_named(record_58, tmp_path):
-    systems = "    -1\n    18\n         7         0         0         8         1\nSYS7\n"
-    systems += (
-        "".join(f"{0.0:13.5E}" for _ in range(6)) + "\n" + "".join(f"{0.0:13.5E}" for _ in range(3)) + "\n    -1\n"
-    )
-    nodes = "    -1\n    15\n"
-    for label, system in ((4, 7), (9, 0)):
-        nodes += f"{label:10d}{system:10d}{0:10d}{8:10d}{0.1 * label:13.5E}{0.2:13.5E}{0.0:13.5E}\n"
-    values = text_lines([VALUES.real, VALUES.imag], [SINGLE, SINGLE], 3)
-    path = tmp_path / "systems.uff"
-    path.write_bytes((systems + nodes + "    -1\n").encode() + record_58(values, n_point=5, ordinate_type=5))
-    assert "The file gives 1 node in a coordinate system of its own" in read_measurement(path).notes[0]

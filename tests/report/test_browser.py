@@ -90,7 +90,8 @@ class TestEveryScreen:
     def test_a_table_scrolls_in_its_own_box_and_its_caption_stays(self, seen, width):
         assert all((overflow, right <= width) == ("auto", True) for _, overflow, right in seen[width]["tables"])
         assert all(right <= width for right in seen[width]["captions"])
-        if width == min(WIDTHS):
+        if width < max(WIDTHS):
+            # On a tablet cells wrap, as on paper: what has to be scrolled to is not seen.
             assert not any(scrolls for scrolls, _, _ in seen[width]["tables"])
 
     def test_on_a_telephone_every_cell_is_on_the_screen_below_its_column(self, seen, width):

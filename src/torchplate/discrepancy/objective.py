@@ -127,6 +127,12 @@ class Objective:
             return self._natural_frequency_error(theta)
         return relative_frf_norm(self.frf(theta), self._measured) / self._measured.pairs.sum()
 
+    def turned_gap(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch"]:
+        """The gap to FRFs of the other sign [-]; 1 where the level that is fitted then is none."""
+        frf = self.model.frf(theta, self._frequency)
+        level = self.measure.gain(-frf, self._measured) if self.evidence.gain_is_unknown else frf.new_ones(()).real
+        return relative_frf_norm(-level[..., None, None, None] * frf, self._measured) / self._measured.pairs.sum()
+
     def residual(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch n_residual"]:
         """Deviations as real numbers, for least squares: of FRFs, line by line, then of natural frequencies and shapes.
 

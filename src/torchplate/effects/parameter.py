@@ -132,7 +132,8 @@ class Parameter:
         if (of := self.prior.relative_to) is not None:
             at_present = of != "plate"
             scale = float(getattr(section, of).mean()) if at_present else plate_scale(self.unit, section, geometry)
-            ends = ends[0] * scale, ends[1] * scale
+            # A Poisson's ratio may be below zero, and what is relative to it then lies the other way round.
+            ends = min(end * scale for end in ends), max(end * scale for end in ends)
         return Searched(
             max(ends[0], self.allowed.low), min(ends[1], self.allowed.high), logarithmic=self.prior.logarithmic
         )

@@ -29,6 +29,11 @@ class PoissonRatio(Effect):
     source = "Leissa, The free vibration of rectangular plates, J. Sound Vib. 31 (1973) 257"
     stage = 1
 
+    @classmethod
+    def may_be_missing(cls, section: Section) -> bool:
+        """Only beside a ν to which a search can be relative."""
+        return float(section.poisson_ratio.mean()) != 0
+
     def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
         """The plate's section with another ν."""
         return section._replace(poisson_ratio=value["value"][..., None])

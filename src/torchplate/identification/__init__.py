@@ -6,6 +6,7 @@
 - `polish`: the finish of a search by least squares.
 - `basis_check`: the basis that is searched in, chosen before the search and confirmed at its best member.
 - `evaluation`: what is said of values: of a model alone, of what it is compared with, of the search that found them.
+- `stretch`: by which factor a model's natural frequencies meet those of a test, a guess before any search.
 - `result`: what was found, as result.json holds it; `caveats`: what must be known before it is trusted;
   `fit_quality`: how good the fit is, in words.
 """
@@ -17,6 +18,7 @@ from torchplate.identification.identify_states import StatesFound, identify_stat
 from torchplate.identification.job import Job, Settings
 from torchplate.identification.result import CORRELATED, Result, Value
 from torchplate.identification.states import PlateState, States
+from torchplate.identification.stretch import Stretch, stretched
 
 __all__ = [
     "CORRELATED",
@@ -27,6 +29,7 @@ __all__ = [
     "Settings",
     "States",
     "StatesFound",
+    "Stretch",
     "Value",
     "evaluated",
     "fit_in_words",
@@ -34,4 +37,5 @@ __all__ = [
     "identify",
     "identify_states",
     "nominal",
+    "stretched",
 ]

@@ -21,8 +21,8 @@ def in_reduced_basis(
     basis: str = "auto",
     say: Callable[[str], object] = lambda _: None,
     precision: str = "double",
-) -> Objective:
-    """The same objective in a reduced basis, where one is worth it and good enough.
+) -> tuple[Objective, float | None]:
+    """The same objective in a reduced basis, where one is worth it and good enough, and the error it makes.
 
     Args:
         objective: of the full model.
@@ -32,10 +32,10 @@ def in_reduced_basis(
     """
     model = objective.model
     if basis == "full" or (not model.names and model.assembly.size <= DENSE):
-        return objective
+        return objective, None
     small = reduce(model, *wanted(objective))
     if small is None:
-        return objective
+        return objective, None
     vectors = "vectors" if small[0].shared_modes is None else "modes that all members share"
     say(
         f"{model.assembly.size} dofs in {small[0].assembly.size} {vectors}: "
@@ -47,7 +47,7 @@ def in_reduced_basis(
             f"single precision would be {shared.single_error:.0e} wrong, expected at most {SINGLE_TOLERANCE:.0e}: "
             "the search stays in double precision; narrow the intervals of springs and masses to use it"
         )
-    return objective.of(small[0])
+    return objective.of(small[0]), small[1]
 
 
 @torch.no_grad()

@@ -3,8 +3,10 @@
 from torch import Tensor
 
 from torchplate.discrepancy import Objective, Sensitivity
+from torchplate.identification.fit_quality import NOTHING
 from torchplate.measurement import assumed
 from torchplate.model import PlateModel
+from torchplate.notation import percent
 
 # A standard error above this part of the interval says that the data hardly narrow it.
 WIDE = 0.5
@@ -44,11 +46,11 @@ def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]
             f"The data see {' and '.join(together)} only together: moving them along one direction changes no "
             "prediction. Give one of them as a number."
         )
+    of_one_model = isinstance(objective.model, PlateModel)
     if (table := objective.evidence.natural_frequencies) is not None and (said := assumed(table)):
         sentences.append(said)
     if (modal := objective.evidence.modal_model) is not None and modal.assumed:
         sentences.append(modal.assumed)
-    of_one_model = modal is not None and isinstance(objective.model, PlateModel)
     if (
         modal is not None
         and of_one_model
@@ -60,3 +62,17 @@ def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]
             "missing in the model."
         )
     return sentences
+
+
+def of_sign(objective: Objective, theta: Tensor) -> list[str]:
+    """What is to be known where all FRFs have the other sign, if they have."""
+    if objective.evidence.measurement is None or float(objective.gap(theta)) < NOTHING:
+        return []
+    turned = float(objective.turned_gap(theta))
+    if not turned < NOTHING:
+        return []
+    return [
+        f"With the sign of all FRFs turned the gap is {percent(turned)}: a sensor is mounted upside down, or a "
+        "direction is -Z where the file says +Z. Add the effect channel_polarity with channels: [[null, null]], or "
+        "turn the sign in the export."
+    ]

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchplate.discrepancy import Objective, sensitivity
 from torchplate.identification.basis_check import TOLERANCE, wanted
-from torchplate.identification.caveats import caveats
+from torchplate.identification.caveats import caveats, of_sign
 from torchplate.identification.job import Settings
 from torchplate.identification.result import MODAL_MODEL, NATURAL_FREQUENCIES, Result, finite, values
 from torchplate.model import DENSE, PlateModel, SparseModel, basis_error
@@ -99,13 +99,14 @@ def with_search(
     best, objective = theta[0], searched(theta)
     by_squares = isinstance(search, LeastSquares)
     seen = sensitivity(searched, best, least_squares=by_squares) if searched.model.names else None
+    sign = of_sign(searched, best) if isinstance(searched.model, PlateModel) else []
     result = dataclasses.replace(
         result,
         parameters=values(searched, best, seen),
         objective=float(objective[0]),
         gap=float(searched.gap(best)),
         theta=best,
-        caveats=[] if seen is None else caveats(searched, best, seen),
+        caveats=([] if seen is None else caveats(searched, best, seen)) + sign,
         correlation=None if seen is None else [[finite(one) for one in row] for row in seen.correlation],
         repeats={"objective": objective.tolist(), "theta": theta.tolist()} if len(theta) > 1 else None,
     )

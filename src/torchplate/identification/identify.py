@@ -147,12 +147,11 @@ def identified(
         prepared: is shown the objective in the basis that is searched in, before it is evaluated; it may refuse.
     """
     model = objective.model
-    searched = in_reduced_basis(objective, settings.basis, say, settings.precision)
+    searched, error = in_reduced_basis(objective, settings.basis, say, settings.precision)
     prepared(searched)
     if not model.names:
-        return Identified(
-            _result(objective, searched, model.known.new_zeros(1, 0), None, search, settings), searched, None
-        )
+        result = _result(objective, searched, model.known.new_zeros(1, 0), None, search, settings, error)
+        return Identified(result, searched, None)
     outcome = run(Job(searched, search, settings, resume))
     if settings.polish and not isinstance(search, LeastSquares):
         outcome = polished(searched, outcome, say)
@@ -169,13 +168,14 @@ def _result(
     outcome: Outcome | None,
     search: Optimizer[Any] | LeastSquares,
     settings: Settings,
+    error: float | None = None,
 ) -> Result:
-    """What was found at theta, the best first."""
+    """What was found at theta, the best first; with the basis's error there, where it is known."""
     best = theta[0]
     result = with_search(compared(objective, searched, best, search, settings), searched, theta, outcome, search)
     if searched is objective:
         return result
-    error, said = off_in_basis(objective, searched, best)
+    error, said = off_in_basis(objective, searched, best) if error is None else (error, [])
     return dataclasses.replace(
         result,
         caveats=result.caveats + said,

@@ -67,7 +67,7 @@ def identify_states(
         say: is told what is being done, a line each.
     """
     optimizer = search or DifferentialEvolution()
-    searched = states.each(lambda one: in_reduced_basis(one, settings.basis, say, settings.precision))
+    searched = states.each(lambda one: in_reduced_basis(one, settings.basis, say, settings.precision)[0])
     if not states.model.names:
         nothing = states.model.known.new_zeros(1, 0)
         return _found(states, searched, nothing, None, optimizer, settings)

@@ -7,7 +7,9 @@ Map:
     read: one way in for every file; the suffix chooses the reader
     archive, parsing: arrays and text of a file, whoever wrote it; what a broken one raises becomes one sentence
     uff: FRFs and coherence of a universal file as one measurement
-    uff_file: a universal file dataset by dataset: 58 (ASCII, binary), nodes from 15 or 2411, units from 164
+    uff_file: a universal file dataset by dataset: 58 (ASCII, binary)
+    uff_geometry: its units (164) and nodes (15 or 2411)
+    coordinate_system: those of datasets 18 and 2420, and the way from them to the global one
     contents: what a universal file holds, dataset by dataset, and what can be done with it
     uff_values: the values of a dataset 58, in each of the format's eight cases
     uff_writer: a measurement written as a universal file
@@ -61,7 +63,7 @@ from torchplate.measurement.recording import Cutting, Hits, Recording, cut
 from torchplate.measurement.resonances import Resonances
 from torchplate.measurement.simulation import simulate
 from torchplate.measurement.uff import read_uff
-from torchplate.measurement.uff_file import read_geometry
+from torchplate.measurement.uff_geometry import read_geometry
 from torchplate.measurement.uff_writer import write_uff
 
 __all__ = [

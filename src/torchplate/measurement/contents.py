@@ -188,7 +188,8 @@ def _nodes(held: Held) -> Part:
     systems = {int(x) for t in tables for x in np.asarray(t["def_cs"], dtype=float)} - {0, 1}
     detail = f"geometry: {labels.size} nodes, labels {labels.min()} to {labels.max()}, {', '.join(spans)} (file's unit)"
     if systems:
-        detail += f"; in {len(systems)} coordinate systems of their own, taken as global"
+        many = f"{len(systems)} coordinate systems" if len(systems) > 1 else "1 coordinate system"
+        detail += f"; as stated in {many} of their own"
     flat = np.linalg.matrix_rank(xyz - xyz.mean(axis=1, keepdims=True), tol=0.01 * max(float(np.ptp(xyz)), 1e-12)) < 3
     detail += "; in one plane" if flat else "; not in one plane"
     name = shlex.quote(held.path.name)
@@ -235,7 +236,7 @@ def _systems(held: Held) -> Part:
     return Part(
         held.title,
         f"{len(names)} coordinate systems: {shown}",
-        "not applied: coordinates and directions are taken as global; turn them by measurement.frame",
+        "places and directions of nodes that name one of them are turned into the global system",
     )
 
 

@@ -12,7 +12,8 @@ import torch
 
 from torchplate.measurement.measurement import Channel, MeasurementError
 from torchplate.measurement.modal_model import ModalModel
-from torchplate.measurement.uff_file import UffFile, open_uff, read_geometry
+from torchplate.measurement.uff_file import UffFile, open_uff
+from torchplate.measurement.uff_geometry import geometry_of
 from torchplate.measurement.uff_writer import block, nodes_block, units_block
 
 NORMAL, COMPLEX = 2, (3, 7)
@@ -30,6 +31,13 @@ class _Mode(NamedTuple):
     is_complex: bool
 
 
+class _Out(NamedTuple):
+    """Which way is out of the plate: the file's axis, and the directions of nodes that have their own."""
+
+    normal: int
+    turned: dict[int, np.ndarray]
+
+
 def read_modal_uff(path: Path, normal: int = 3) -> ModalModel:
     """Read the modes of a universal file, out of the plate.
 
@@ -41,10 +49,12 @@ def read_modal_uff(path: Path, normal: int = 3) -> ModalModel:
         MeasurementError: Not a universal file, or no mode with a frequency and a shape in it.
     """
     file = open_uff(path)
+    geometry = geometry_of(file)
+    out = _Out(normal, geometry.turned)
     modes, others = [], 0
     for index, kind in enumerate(file.types):
         if kind in (55, 2414):
-            found = _mode(file, index, kind, normal, path)
+            found = _mode(file, index, kind, out, path)
             modes += [] if found is None else [found]
             others += found is None
     if not modes:
@@ -58,26 +68,27 @@ def read_modal_uff(path: Path, normal: int = 3) -> ModalModel:
             f"{path}: expected mode shapes (dataset 55 or 2414, analysis type 2, 3 or 7), got datasets {held}"
             f"{' of other kinds' if others else ''}. {action}."
         )
-    notes = [f"Left out {others} of datasets 55 and 2414 that hold no mode."] if others else []
+    notes = list(geometry.notes)
+    if others:
+        notes.append(f"Left out {others} of datasets 55 and 2414 that hold no mode.")
     top = max(mode.frequency for mode in modes)
     bending = [mode for mode in modes if mode.frequency > RIGID * top]
     if n_rigid := len(modes) - len(bending):
         notes.append(f"Left out {n_rigid} mode{'s' * (n_rigid > 1)} at 0 Hz: rigid-body modes.")
     nodes = _common(bending, notes)
-    places, _ = read_geometry(path)
     shape = np.array([[mode.shape[node] for node in nodes] for mode in bending]).reshape(len(bending), len(nodes))
     is_complex = any(mode.is_complex for mode in bending)
     return ModalModel(
         torch.tensor([mode.frequency for mode in bending], dtype=torch.float64),
         torch.tensor([mode.damping_ratio for mode in bending], dtype=torch.float64),
         torch.from_numpy(shape if is_complex else shape.real.copy()),
-        tuple(Channel(node, "w", places.get(node)) for node in nodes),
+        tuple(Channel(node, "w", geometry.places.get(node)) for node in nodes),
         source=str(path),
         notes=tuple(notes),
     )
 
 
-def _mode(file: UffFile, index: int, kind: int, normal: int, path: Path) -> _Mode | None:
+def _mode(file: UffFile, index: int, kind: int, out: _Out, path: Path) -> _Mode | None:
     """One dataset; None where it is no mode."""
     one = file.read(index)
     analysis = int(one.get("analysis_type", 0))
@@ -88,7 +99,7 @@ def _mode(file: UffFile, index: int, kind: int, normal: int, path: Path) -> _Mod
         return None
     nodes = np.atleast_1d(np.asarray(one["node_nums"], dtype=float)).astype(int).tolist()
     try:
-        values = _out_of_plane(one, kind, normal)
+        values = _out_of_plane(one, kind, out, nodes)
     except (KeyError, ValueError, IndexError) as error:
         raise MeasurementError(
             f"{path}: expected 1, 3 or 6 deflections for each node in the dataset {kind} at place {index + 1} of the "
@@ -118,18 +129,26 @@ def _pole(one: Mapping[str, Any], kind: int, analysis: int) -> tuple[float, floa
     return frequency, damping if damping > 0 else float("nan")
 
 
-def _out_of_plane(one: Mapping[str, Any], kind: int, normal: int) -> np.ndarray:
+def _out_of_plane(one: Mapping[str, Any], kind: int, out: _Out, nodes: list[int]) -> np.ndarray:
     if kind == 55:
         if int(one["n_data_per_node"]) not in N_DIRECTION:
             raise ValueError
-        return np.asarray(one[f"r{normal}"])
-    n_value = int(one["number_of_data_values_for_the_data_component"])
-    table = np.stack([np.asarray(row, dtype=float) for row in one["data_at_node"]])
-    if int(one["data_type"]) in (5, 6):
-        table = table[:, 0::2] + 1j * table[:, 1::2]
-    if n_value not in (1, *N_DIRECTION) or table.shape[1] != n_value:
-        raise ValueError
-    return table[:, 0 if n_value == 1 else normal - 1]
+        table = np.stack([np.atleast_1d(one[f"r{axis}"]) for axis in (1, 2, 3)], axis=-1)
+    else:
+        n_value = int(one["number_of_data_values_for_the_data_component"])
+        table = np.stack([np.asarray(row, dtype=float) for row in one["data_at_node"]])
+        if int(one["data_type"]) in (5, 6):
+            table = table[:, 0::2] + 1j * table[:, 1::2]
+        if n_value not in (1, *N_DIRECTION) or table.shape[1] != n_value:
+            raise ValueError
+        if n_value == 1:
+            return table[:, 0]
+    values = table[:, out.normal - 1].copy()
+    if len(values) == len(nodes):
+        for row, node in enumerate(nodes):
+            if node in out.turned:
+                values[row] = table[row, :3] @ out.turned[node][:, out.normal - 1]
+    return values
 
 
 def _common(modes: Iterable[_Mode], notes: list[str]) -> list[int]:

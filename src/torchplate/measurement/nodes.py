@@ -8,7 +8,7 @@ from torchplate.measurement.measurement import Channel, Measurement, Measurement
 from torchplate.measurement.parsing import reads
 from torchplate.measurement.read import UFF_SUFFIX
 from torchplate.measurement.text_table import cells_of, lines_of
-from torchplate.measurement.uff_file import read_geometry
+from torchplate.measurement.uff_geometry import read_geometry
 
 Point = tuple[float, float, float]
 

@@ -15,6 +15,22 @@ MODAL_SUFFIX: Final = (*UFF_SUFFIX, ".csv")
 """What a modal model is written to."""
 
 
+_HITS = "Time records of hits become FRFs by `torchplate frf`"
+_OF_NATURAL_FREQUENCIES = (
+    "natural frequencies go into a config, as measurement: {natural_frequencies: {1: 41.3, 2: 77.9}}"
+)
+_TABLE = f"{_HITS}; {_OF_NATURAL_FREQUENCIES}; for FRFs export UFF 58"
+WAY_ON: Final = {
+    ".csv": _TABLE,
+    ".txt": _TABLE,
+    ".wav": _HITS,
+    ".lvm": _HITS,
+    ".mat": f"{_HITS}; for FRFs export UFF 58, or numpy.savez of frequency [n], frf [n, response, reference] and the "
+    "node numbers response and reference",
+}
+"""What a file of another kind is good for."""
+
+
 @reads("a measurement")
 def read_measurement(path: Path, kind: str | None = None, normal: int = 3) -> Measurement:
     """Read a universal file (.uff, .unv, .uf) or a NumPy archive (.npz).
@@ -31,7 +47,7 @@ def read_measurement(path: Path, kind: str | None = None, normal: int = 3) -> Me
     if suffix not in (*UFF_SUFFIX, ".npz"):
         raise MeasurementError(
             f"{path}: expected a measurement in a {', '.join(UFF_SUFFIX)} or .npz file, got the suffix "
-            f"{path.suffix or 'none'!r}. Export it as UFF 58, or name it by its format."
+            f"{path.suffix or 'none'!r}. {WAY_ON.get(suffix, 'Export it as UFF 58, or name it by its format')}."
         )
     if not path.is_file():
         raise MeasurementError(f"{path}: expected a measurement file, got none there. Check the path.")

@@ -1,5 +1,6 @@
 """Readers of time records: universal files (58 type 1), WAV, MAT, NPZ, CSV and text, LVM."""
 
+import re
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +14,8 @@ from torchplate.measurement.parsing import reads
 from torchplate.measurement.read import UFF_SUFFIX
 from torchplate.measurement.record_tables import FORCE_NAME, READERS, RecordTable
 from torchplate.measurement.recording import Motion, Recording
-from torchplate.measurement.uff_file import Record, open_uff, read_geometry
+from torchplate.measurement.uff_file import Record, open_uff
+from torchplate.measurement.uff_geometry import geometry_of
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ def read_recordings(path: Path, layout: Layout | None = None) -> list[Recording]
     except (MeasurementError, MemoryError):
         raise
     except Exception as error:  # whatever a reader says of a file that is not of its format
-        reason = plain(" ".join(str(error).split()))[:120]
+        reason = re.split(r"[.;(] ?", plain(" ".join(str(error).split())))[0][:120]
         raise MeasurementError(
             f"{path}: expected a {suffix[1:].upper()} file with time records, got one that does not parse ({reason}). "
             "Export it again, or as CSV with the columns time, force, response."
@@ -77,7 +79,8 @@ def _from_table(table: RecordTable, path: Path, layout: Layout) -> list[Recordin
     if n_channel < 2:
         raise MeasurementError(
             f"{path}: expected a force and at least one response, got {n_channel} channel. Export the hammer's channel "
-            "beside the responses."
+            "beside the responses; if it is a table of natural frequencies, write them into a config, as measurement: "
+            "{natural_frequencies: {1: 41.3, 2: 77.9}}."
         )
     force, remark = _force_channel(table, path, layout)
     others = [i for i in range(n_channel) if i != force]
@@ -165,7 +168,8 @@ def _most_like_a_pulse(channels: np.ndarray) -> int:
 def _from_uff(path: Path, layout: Layout) -> list[Recording]:
     """Force records and the responses that go with each, by their order in the file."""
     file = open_uff(path)
-    records = [file.record(i) for i, kind in enumerate(file.types) if kind == 58]
+    geometry = geometry_of(file)
+    records = [file.record(index, turned=geometry.turned) for index in file.of_type(58)]
     records = [r for r in records if r.function_type == 1]
     if not records:
         raise MeasurementError(
@@ -192,7 +196,7 @@ def _from_uff(path: Path, layout: Layout) -> list[Recording]:
             f"{path}: expected a record of each response for each of {len(forces)} force records, got "
             f"{len(by_channel[uneven[0]])} of {node}{direction}. Export all channels of each hit."
         )
-    places = tuple(read_geometry(path)[0].items())
+    places = tuple(geometry.places.items())
     found = []
     for number, force in enumerate(forces):
         own = [records_of[number] for records_of in by_channel.values()]
@@ -219,6 +223,7 @@ def _from_uff(path: Path, layout: Layout) -> list[Recording]:
                 has_unit=all(unit is not None for unit in units),
                 source=f"{path}, {force.label}",
                 coordinates=places,
+                notes=tuple(geometry.notes),
             )
         )
     return found

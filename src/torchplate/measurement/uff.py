@@ -1,7 +1,8 @@
 """FRFs and coherence of a universal file (dataset 58, ASCII or binary) as one measurement, with nodes and units."""
 
+import math
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import torch
@@ -16,7 +17,8 @@ from torchplate.measurement.measurement import (
     MeasurementError,
     checked_kind,
 )
-from torchplate.measurement.uff_file import End, Point, Record, of_type, opened, record_of
+from torchplate.measurement.uff_file import ALIGNED, End, Record, UffFile, open_uff
+from torchplate.measurement.uff_geometry import Point, geometry_of
 
 FUNCTION_TYPE: Final = {0: "unknown", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "FRF"}
 FUNCTION_TYPE_READ: Final = {4: "FRF", 5: "transmissibility", 6: "coherence"}
@@ -38,16 +40,22 @@ def read_uff(path: Path, kind: str | None = None, normal: int = 3) -> Measuremen
         MeasurementError: Not a universal file, no FRF in it or only its amplitudes, lines that differ between records,
             a pair that comes twice, values that do not follow their header, a kind that the file does not settle.
     """
-    file, units, places, notes = opened(path)
-    records = [record_of(file, index, path, normal) for index in of_type(file, 58)]
+    file = open_uff(path)
+    geometry = geometry_of(file)
+    places, notes = geometry.places, geometry.notes
+    records = [file.record(index, normal, geometry.turned) for index in file.of_type(58)]
     frfs = [r for r in records if r.function_type in (4, 5)]
     if not frfs:
         seen = sorted({r.function_type for r in records})
         named = ", ".join(f"{t} ({(FUNCTION_TYPE | FUNCTION_TYPE_READ).get(t, 'other')})" for t in seen)
         came = f"function types {named}" if records else "no dataset 58"
+        action = "Export the FRFs from the analyser"
+        if file.of_type(*SHAPES):
+            action = f"Its mode shapes go into a config, as measurement: {{modal_model: {{file: {path.name}}}}}"
+        elif 1 in {r.function_type for r in records}:
+            action = f"Make them from its time records: torchplate frf {path.name} --out FRFS.uff"
         raise MeasurementError(
-            f"{path}: expected FRFs (dataset 58 with function type 4, or 5 for transmissibility), got {came}. "
-            "Export the FRFs from the analyser."
+            f"{path}: expected FRFs (dataset 58 with function type 4, or 5 for transmissibility), got {came}. {action}."
         )
     notes += _left_out(file, records)
     plane = [r for r in frfs if (r.response[1], r.reference[1]) != ("w", "w")]
@@ -66,7 +74,8 @@ def read_uff(path: Path, kind: str | None = None, normal: int = 3) -> Measuremen
     _complex(frfs, path, notes)
     if strange := next((r for r in frfs if r.axis), None):
         notes.append(f"The unit label {strange.axis!r} of the frequency axis is not known; taken as Hz.")
-    found, factor = _kind_and_factor(frfs, kind, units, path, notes)
+    notes += _turned(frfs)
+    found, factor = _kind_and_factor(frfs, kind, geometry.units, path, notes)
     return _assemble(frfs, [r for r in records if r.function_type == 6], places, found, factor, path, notes)
 
 
@@ -89,7 +98,7 @@ def _complex(frfs: list[Record], path: Path, notes: list[str]) -> None:
         )
 
 
-def _left_out(file: Any, records: list[Record]) -> list[str]:
+def _left_out(file: UffFile, records: list[Record]) -> list[str]:
     """What the file holds besides FRFs and coherence: a sentence for each kind."""
     found = []
     for function_type in sorted({r.function_type for r in records} - set(FUNCTION_TYPE_READ)):
@@ -103,9 +112,26 @@ def _left_out(file: Any, records: list[Record]) -> list[str]:
             f"({name}), not an FRF: {first}.{action}"
         )
     for number, name in SHAPES.items():
-        if n_set := len(of_type(file, number)):
+        if n_set := len(file.of_type(number)):
             found.append(f"Left out {n_set} dataset{'s' * (n_set > 1)} {number} ({name}): only FRFs are read.")
     return found
+
+
+def _turned(frfs: list[Record]) -> list[str]:
+    """What is to be said of directions that the file gives in coordinate systems of their own."""
+    notes = []
+    if n := sum(r.turned for r in frfs):
+        notes.append(
+            f"The directions of {n} FRF{'s' * (n > 1)} were turned from the nodes' own coordinate systems into the "
+            "global one."
+        )
+    worst = min(frfs, key=lambda r: r.cosine)
+    if worst.cosine < ALIGNED:
+        notes.append(
+            f"A direction of {worst.label} is turned by {math.degrees(math.acos(worst.cosine)):.0f} degrees from the "
+            "nearest axis of the file, along which it is taken. Check the node's coordinate system."
+        )
+    return notes
 
 
 def _kind_and_factor(

@@ -1,8 +1,9 @@
-"""A universal file, dataset by dataset: records of dataset 58, nodes from 15 or 2411, units from 164.
+"""A universal file, dataset by dataset: records of dataset 58, and units from 164.
 
 Source: Universal File Format, University of Cincinnati SDRL. pyuff finds the datasets and reads their headers.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -12,16 +13,14 @@ import pyuff
 from jaxtyping import Complex, Float
 
 from torchplate.measurement.archive import plain
-from torchplate.measurement.level import Units, hertz_of, second_of
+from torchplate.measurement.level import hertz_of, second_of
 from torchplate.measurement.measurement import MeasurementError
-from torchplate.measurement.parsing import reads
 from torchplate.measurement.uff_values import ORDINATE, ValuesError, decode
 
 DIRECTION: Final = {0: "w", 1: "u", 2: "v", 3: "w", 4: "tx", 5: "ty", 6: "tz"}
-GLOBAL: Final = (0, 1)
-"""Coordinate systems that need no turning: none, and the first, which exporters make the global one."""
+ALIGNED: Final = 0.99
+"""Cosine between a measured direction and a global axis below which it is said to be turned away [-]: 8 degrees."""
 End = tuple[int, str]
-Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +28,8 @@ class Record:
     """One dataset 58 as the file gives it: ends with their sign, lines, values, what the level is of.
 
     The lines are in Hz, or s of a time record. `axis` is the unit of the axis where it is not known; they are then as
-    they were.
+    they were. `turned` is whether a direction was turned into the global axes, `cosine` that of the one that is
+    farthest from an axis then.
     """
 
     number: int
@@ -46,6 +46,8 @@ class Record:
     labels: tuple[str, str]
     text: str
     axis: str = ""
+    turned: bool = False
+    cosine: float = 1.0
 
     @property
     def label(self) -> str:
@@ -62,7 +64,7 @@ class UffFile:
     """
 
     def __init__(self, file: Any, path: Path) -> None:
-        self._file, self._path = file, path
+        self._file, self.path = file, path
         self.types: tuple[int, ...] = tuple(int(t) for t in file.get_set_types())
 
     def read(self, index: int) -> dict[str, Any]:
@@ -71,7 +73,7 @@ class UffFile:
         Raises:
             MeasurementError: It does not parse.
         """
-        return _read(self._file, index, self._path)
+        return _read(self._file, index, self.path)
 
     def header(self, index: int) -> dict[str, Any]:
         """The header of a dataset 58.
@@ -79,15 +81,24 @@ class UffFile:
         Raises:
             MeasurementError: It does not parse.
         """
-        return _read(self._file, index, self._path, header_only=True)
+        return _read(self._file, index, self.path, header_only=True)
 
-    def record(self, index: int) -> Record:
+    def of_type(self, *types: int) -> list[int]:
+        """Indices of the datasets of these numbers."""
+        return [i for i, t in enumerate(self.types) if t in types]
+
+    def record(self, index: int, normal: int = 3, turned: Mapping[int, np.ndarray] | None = None) -> Record:
         """A dataset 58 with its values.
+
+        Args:
+            index: Of the dataset.
+            normal: The file's axis that is the plate's z; the record's directions are counted so.
+            turned: Of nodes whose directions are not the global ones, those directions, one a row.
 
         Raises:
             MeasurementError: It does not parse.
         """
-        return record_of(self._file, index, self._path, 3)
+        return _record(self._file, index, self.path, normal, turned or {})
 
 
 def open_uff(path: Path) -> UffFile:
@@ -99,23 +110,6 @@ def open_uff(path: Path) -> UffFile:
     return UffFile(_complete(path), path)
 
 
-@reads("a universal file")
-def read_geometry(path: Path) -> tuple[dict[int, Point], int | None]:
-    """Every node of a universal file [m by its units], and the axis most of its FRFs point along, 1 to 3, if any.
-
-    Raises:
-        MeasurementError: Not a universal file, or a dataset that does not parse.
-    """
-    file, _, places, _ = opened(path)
-    axes = [0, 0, 0, 0]
-    for index in of_type(file, 58):
-        header = _read(file, index, path, header_only=True)
-        direction = abs(int(header["rsp_dir"]))
-        if int(header["func_type"]) in (4, 5) and direction in (1, 2, 3):
-            axes[direction] += 1
-    return places, axes.index(max(axes)) if any(axes) else None
-
-
 def _complete(path: Path) -> Any:
     try:
         content = Path(path).read_bytes()
@@ -124,6 +118,10 @@ def _complete(path: Path) -> Any:
             f"{path}: expected a universal file (.uff, .unv), got none that can be read ({error.strerror}). "
             "Check the path."
         ) from error
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise MeasurementError(
+            f"{path}: expected a universal file in plain text, got UTF-16. Save it as ASCII, or export it again."
+        )
     try:
         file = pyuff.UFF(str(path))
         n_set = file.get_n_sets()
@@ -145,35 +143,6 @@ def _complete(path: Path) -> Any:
     return file
 
 
-def opened(path: Path) -> tuple[Any, Units, dict[int, Point], list[str]]:
-    """The file, its units, the place of every node [m], and what is to be said of them."""
-    file = _complete(path)
-    notes: list[str] = []
-    units = _units(file, path, notes)
-    places: dict[int, Point] = {}
-    turned = 0
-    systems = bool(of_type(file, 18, 2420))
-    for index in of_type(file, 15, 2411):
-        dataset = _read(file, index, path)
-        if systems:
-            turned += sum(int(system) not in GLOBAL for system in np.atleast_1d(dataset["def_cs"]))
-        columns = (dataset["node_nums"], dataset["x"], dataset["y"], dataset["z"])
-        for node, x, y, z in zip(*columns, strict=True):
-            places[int(node)] = (float(x) / units.length, float(y) / units.length, float(z) / units.length)
-    if turned:
-        notes.append(
-            f"The file gives {turned} node{'s' * (turned > 1)} in a coordinate system of its own (dataset 18 or 2420), "
-            "which is not applied: the coordinates are taken as global. Export them in the global system if they are "
-            "not."
-        )
-    return file, units, places, notes
-
-
-def of_type(file: Any, *types: int) -> list[int]:
-    """Indices of the datasets of these numbers."""
-    return [i for i, t in enumerate(file.get_set_types()) if int(t) in types]
-
-
 def _read(file: Any, index: int, path: Path, *, header_only: bool = False) -> dict[str, Any]:
     try:
         dataset: dict[str, Any] = file.read_sets(index, header_only=header_only)
@@ -185,28 +154,7 @@ def _read(file: Any, index: int, path: Path, *, header_only: bool = False) -> di
     return {key: plain(value) if isinstance(value, str) else value for key, value in dataset.items()}
 
 
-def _units(file: Any, path: Path, notes: list[str]) -> Units:
-    units = Units()
-    for index in of_type(file, 164):
-        dataset = _read(file, index, path)
-        stated = Units(float(dataset["length"]), float(dataset["force"]))
-        if int(dataset["units_code"]) == 1:
-            # Code 1 is metre and newton by definition; factors of feet beside it are copied from the format's
-            # example, as in pyuff's own.
-            if stated != Units():
-                notes.append("Dataset 164 says SI but gives other factors; SI was taken.")
-            continue
-        if min(stated) <= 0:
-            raise MeasurementError(
-                f"{path}: expected positive unit factors in dataset 164, got length {stated.length:g} and force "
-                f"{stated.force:g}. Correct or remove that dataset."
-            )
-        units = stated
-    return units
-
-
-def record_of(file: Any, index: int, path: Path, normal: int) -> Record:
-    """A dataset 58 with its values, its directions as the plate counts them whose z is the file's axis `normal`."""
+def _record(file: Any, index: int, path: Path, normal: int, turned: Mapping[int, np.ndarray]) -> Record:
     header = _read(file, index, path, header_only=True)
     number = index + 1
     start, end = (int(i) for i in file._block_ind[index])
@@ -242,12 +190,15 @@ def record_of(file: Any, index: int, path: Path, normal: int) -> Record:
         raise MeasurementError(
             f"{path}: expected directions from -6 to 6 in record {number}, got {directions}. Correct the record."
         )
+    ends = (int(header["rsp_node"]), int(header["ref_node"]))
+    seen = [in_global(d, turned.get(node)) for d, node in zip(directions, ends, strict=True)]
+    signed = [direction for direction, _ in seen]
     return Record(
         number=number,
         function_type=int(header["func_type"]),
-        response=(int(header["rsp_node"]), DIRECTION[_seen(abs(directions[0]), normal)]),
-        reference=(int(header["ref_node"]), DIRECTION[_seen(abs(directions[1]), normal)]),
-        sign=-1 if (directions[0] < 0) != (directions[1] < 0) else 1,
+        response=(ends[0], DIRECTION[_seen(abs(signed[0]), normal)]),
+        reference=(ends[1], DIRECTION[_seen(abs(signed[1]), normal)]),
+        sign=-1 if (signed[0] < 0) != (signed[1] < 0) else 1,
         scalar=0 in directions,
         is_complex=ORDINATE[int(header["ord_data_type"])][0],
         frequency=frequency if in_si is None else in_si * frequency,
@@ -257,7 +208,25 @@ def record_of(file: Any, index: int, path: Path, normal: int) -> Record:
         labels=(header["ordinate_axis_units_lab"], header["orddenom_axis_units_lab"]),
         text=header["id1"],
         axis="" if in_si is not None else axis,
+        turned=tuple(signed) != directions,
+        cosine=min(cosine for _, cosine in seen),
     )
+
+
+def in_global(direction: int, rows: Float[np.ndarray, "3 3"] | None) -> tuple[int, float]:
+    """A node's signed direction as the nearest of the global axes, and the cosine between them.
+
+    Args:
+        direction: −6 to 6 as the format counts: x, y, z, then rotations about them; 0 for none.
+        rows: The node's own directions in global coordinates, one a row; None where they are the global ones.
+    """
+    if direction == 0 or rows is None:
+        return direction, 1.0
+    turn, axis = divmod(abs(direction) - 1, 3)
+    vector = rows[axis] if direction > 0 else -rows[axis]
+    nearest = int(np.abs(vector).argmax())
+    sign = 1 if vector[nearest] > 0 else -1
+    return sign * (3 * turn + nearest + 1), float(abs(vector[nearest]))
 
 
 def _seen(direction: int, normal: int) -> int:

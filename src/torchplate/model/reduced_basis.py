@@ -90,7 +90,11 @@ def reduce(
             error = basis_error(model, whole, seen[errors.argmax(), None], frequency)
             if (error := max(error, UNSEEN * float(errors.max()), ROUNDING)) <= tolerance:
                 return whole, error
-    for turn, ((margin, independent), probe) in enumerate(zip(ROUNDS, probes, strict=True)):
+    rounds = list(zip(ROUNDS, probes, strict=True))
+    if not model.names:
+        # More modes of the only member take less than another look at it.
+        rounds = rounds[2:]
+    for turn, ((margin, independent), probe) in enumerate(rounds):
         basis = ritz_basis(model, build, frequency, n_mode, margin, independent)
         if basis.shape[-1] > model.assembly.size // 2:
             return None

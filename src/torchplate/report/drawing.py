@@ -27,6 +27,7 @@ VARIABLES = {colour.lower(): f"--c{turn}" for turn, colour in enumerate(ON_DARK)
 def png(figure: Figure, dpi: int = DPI, n_colour: int = 128) -> bytes:
     """A figure as a PNG of few colours, a third of the size."""
     whole, small = io.BytesIO(), io.BytesIO()
+    _lay_out(figure)
     figure.savefig(whole, format="png", dpi=dpi)
     with Image.open(whole) as image:
         image.convert("RGB").quantize(n_colour).save(small, format="png", optimize=True)
@@ -37,6 +38,7 @@ def pdf(figure: Figure) -> bytes:
     """A figure for paper: its text is text, and the same figure is the same file."""
     drawn = io.BytesIO()
     with mpl.rc_context(_PDF):
+        _lay_out(figure)
         figure.savefig(drawn, format="pdf", metadata={"CreationDate": None})
     return drawn.getvalue()
 
@@ -53,6 +55,7 @@ def svg(figure: Figure, name: str, told: str) -> str:
     """
     drawn = io.StringIO()
     with mpl.rc_context(_SVG | {"svg.hashsalt": name}):
+        _lay_out(figure)
         figure.savefig(drawn, format="svg", metadata=_NO_METADATA)
     text = drawn.getvalue()
     text = text[text.index("<svg") :]
@@ -68,6 +71,13 @@ def svg(figure: Figure, name: str, told: str) -> str:
     body = re.sub(r'(?<= d=")[^"]*', lambda found: re.sub(r"(?<=\.\d\d)\d+", "", found[0]), body)
     width = float(box[0].split()[2])
     return f'<svg role="img" aria-label="{html.escape(told)}" {box[0]} width="{4 / 3 * width:.0f}">{body.strip()}'
+
+
+def _lay_out(figure: Figure) -> None:
+    """Lay a figure out once; a layout engine would draw it twice each time that it is saved."""
+    if (engine := figure.get_layout_engine()) is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
 
 
 def _variable(colour: str) -> str:

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from torchplate.diagnosis import Diagnosis, Step
-from torchplate.notation import percent
+from torchplate.notation import number_of_percent, percent
 from torchplate.report.style import AFTER, BEFORE, INK, MEASURED, MUTED, NARROW, PAPER, dress, plain
 
 FAINT = 0.4
@@ -88,11 +88,11 @@ def _scale(axis: Axes, diagnosis: Diagnosis, steps: Sequence[Step], narrow: bool
     if high > 8 * low:
         axis.set_xscale("log")
         axis.set_xlim(low / 2, high * (high / low) ** (0.3 if narrow else 0.12) * 1.5)
-        axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:.3g}"))
+        axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: number_of_percent(value)))
         axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axis.xaxis.set_minor_formatter(NullFormatter())
         return True
-    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:.3g}"))
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: number_of_percent(value)))
     axis.set_xlim(0, (1.35 if narrow else 1.18) * high)
     return False
 

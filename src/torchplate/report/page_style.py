@@ -81,6 +81,10 @@ figure { margin: 1.2rem 0; }
   .narrow { display: block; }
   .narrow svg { width: 100%; max-width: 27rem; }
 }
+@media screen and (max-width: 50rem) {
+  td, th, thead th, td.short, th.short { white-space: normal; min-width: 0 !important; }
+  th[scope=row] { overflow-wrap: anywhere; }
+}
 @media screen and (max-width: 34rem) {
   .folded table, .folded caption, .folded tbody { display: block; }
   .folded caption span { width: auto; }

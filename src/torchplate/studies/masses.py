@@ -26,6 +26,7 @@ from rich.table import Table
 from torchplate.cli.config import dump
 from torchplate.cli.verbs.diagnose import diagnose
 from torchplate.measurement import Measurement, read_measurement
+from torchplate.notation import number_of_percent
 
 DATA = Path("../shared/data")
 OUT = Path("runs/real/masses")
@@ -165,10 +166,10 @@ def main(chosen: Sequence[str] = ()) -> None:
 def _table(rows: Sequence[Lost]) -> Table:
     table = Table("arrangement", "state", "what changed", "mass lost, % of the strip", "90 %", "known, %")
     for row in rows:
-        known, amount, interval = f"{100 * KNOWN[row.state]:.2f}", "none named", ""
+        known, amount, interval = number_of_percent(KNOWN[row.state], decimals=2), "none named", ""
         if row.share is not None:
-            low, high = (100 * (row.share + k * 1.645 * row.std) for k in (-1, 1))
-            amount, interval = f"{100 * row.share:.2f}", f"{low:.2f} to {high:.2f}"
+            low, high = (number_of_percent(row.share + k * 1.645 * row.std, decimals=2) for k in (-1, 1))
+            amount, interval = number_of_percent(row.share, decimals=2), f"{low} to {high}"
         table.add_row(row.arrangement, row.state, row.kind, amount, interval, known)
     return table
 

@@ -2,7 +2,8 @@
 
 From what was measured:
 
-- `new`: a commented config; `new_draft`: what is guessed for it; `new_text`: its words.
+- `new`: a commented config; `new_draft`: what is guessed for it; `new_material`: of its material, by its resonances;
+  `new_text`: its words.
 - `inspect`: what a file holds, and what looks wrong in it.
 - `frf`: from time records of hits to FRFs; `modes`: from FRFs to a modal model.
 

@@ -3,6 +3,7 @@
 import shlex
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 
 from torchplate.cli.config import InputError
@@ -12,13 +13,16 @@ from torchplate.discrepancy import mac
 from torchplate.measurement import (
     MODAL_SUFFIX,
     Analysed,
+    MeasurementError,
+    ModalModel,
+    propose,
     read_measurement,
     read_nodes,
     with_nodes,
     write_modal_model,
 )
 from torchplate.measurement import modes as analyse
-from torchplate.notation import percent
+from torchplate.notation import number_of_percent, percent
 
 # Of the matrix, what a terminal holds in one line.
 MOST_COLUMNS = 12
@@ -63,9 +67,24 @@ def modes(
         with whole(out) as partial:
             write_modal_model(found.model, partial, out.suffix)
         console.print(f"Modes: {out}", highlight=False, markup=False, soft_wrap=True)
-        key = f"measurement: {{modal_model: {{file: {shlex.quote(out.name)}}}}}"
+        key = f"measurement: {{modal_model: {{file: {shlex.quote(out.name)}}}{_frame(found.model)}}}"
         console.print(f"Next: in a config, {key}", highlight=False, markup=False, soft_wrap=True)
     return found
+
+
+def _frame(model: ModalModel) -> str:
+    """The plate's frame in the coordinates of its points, as a key of the config, where they are not its own in m."""
+    points = [channel.coordinate for channel in model.point if channel.coordinate is not None]
+    if not points:
+        return ""
+    try:
+        frame = propose(np.array(points, dtype=np.float64)).frame
+    except MeasurementError:
+        return ""
+    if frame.unit == "m":
+        return ""
+    origin = ", ".join(f"{value:g}" for value in frame.origin)
+    return f", frame: {{unit: {frame.unit}, origin: [{origin}]}}"
 
 
 def _say(found: Analysed, console: Console) -> None:
@@ -89,7 +108,7 @@ def _say(found: Analysed, console: Console) -> None:
         matrix = plain_table("", *(str(number + 1) for number in range(n_mode)))
         matrix.padding = (0, 1)
         for number, row in enumerate(alike[:n_mode, :n_mode].tolist(), start=1):
-            matrix.add_row(str(number), *(f"{100 * value:.0f}" for value in row))
+            matrix.add_row(str(number), *(number_of_percent(value, decimals=0) for value in row))
         console.print(matrix)
         if len(alike) > n_mode:
             console.print(f"  of the first {n_mode}; --out writes all shapes.", style="dim", highlight=False)

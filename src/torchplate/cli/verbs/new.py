@@ -9,7 +9,7 @@ from rich.console import Console
 from torchplate.cli.config import InputError
 from torchplate.cli.config.build import load_run
 from torchplate.cli.folder.writing import write_text
-from torchplate.cli.verbs.new_draft import UNKNOWN, Draft, Wishes, drafted
+from torchplate.cli.verbs.new_draft import Draft, Wishes, drafted
 from torchplate.cli.verbs.new_text import compose
 from torchplate.measurement import METRES
 
@@ -72,6 +72,17 @@ def _table(wishes: Wishes, out: Path) -> str | None:
     return None if wishes.nodes is None else os.path.relpath(wishes.nodes.resolve(), out.resolve().parent)
 
 
+def material_said(draft: Draft) -> str:
+    """What the plate is taken to be made of, and why."""
+    material, told = draft.material, draft.heard.said
+    if draft.wishes.material is not None:
+        return f"material {material.name}, as told"
+    if draft.orthotropic:
+        return f"{told}; material taken as {material.name}: give --material spruce, say, or --material plywood"
+    known = f"{told}; " if told else ""
+    return f"{known}material not named, so only h√(E/ρ) can be found: give --material"
+
+
 def _say(draft: Draft, out: Path, console: Console) -> None:
     def line(text: str, guess: bool = False) -> None:
         console.print(f"  {'guess: ' if guess else ''}{text}", highlight=False, markup=False, soft_wrap=True)
@@ -81,10 +92,9 @@ def _say(draft: Draft, out: Path, console: Console) -> None:
     line(f"plate of {proposal.length_x:g} × {proposal.length_y:g} m ({proposal.sides.text})", proposal.sides.guess)
     for said in (proposal.unit, proposal.axes, proposal.origin):
         line(said.text, said.guess)
+    line(material_said(draft), draft.wishes.material is None)
     if draft.wishes.thickness is None:
-        line(f"thickness near {1e3 * draft.thickness[1]:.2g} mm, by the number of peaks: give --thickness", True)
-    if draft.material is UNKNOWN:
-        line("material not named, so only h√(E/ρ) can be found: give --material", True)
+        line(f"thickness near {1e3 * draft.thickness[1]:.2g} mm, by {draft.heard.by}: give --thickness", True)
     if draft.supports is None and not draft.edges:
         line("edges and supports taken as free: give --supports or --edge if they are not", True)
     if draft.first is not None and draft.first > draft.band[1]:

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from torchplate.cli.config import InputError
+from torchplate.cli.verbs.new_material import Heard, heard
 from torchplate.effects import find_effect
 from torchplate.measurement import (
     UFF_SUFFIX,
@@ -15,7 +16,6 @@ from torchplate.measurement import (
     MeasurementError,
     Proposal,
     in_frame,
-    peaks,
     place,
     propose,
     read_geometry,
@@ -32,7 +32,6 @@ from torchplate.plate import (
     elements_for,
     find_material,
     frequency_of_wavelength,
-    thickness_of,
 )
 
 MOST_ELEMENTS = {"isotropic": 400, "orthotropic": 130}
@@ -41,9 +40,6 @@ LEAST_COHERENCE = 0.8
 SAME_LEVEL = 1.3
 """A level off by more than this factor is not taken in the file's unit [-]. A plate of the right mass comes within it;
 a gain that is left open costs little, and one that is wrong, or of the wrong sign, costs the answer."""
-UNKNOWN = Material(
-    "unknown material", (0.5e9, 20e9, 260e9), 0.3, 0.05, (500.0, 2700.0, 9000.0), (1e-4, 1e-1), "none named"
-)
 
 
 @dataclass(frozen=True)
@@ -81,8 +77,7 @@ class Draft:
     wishes: Wishes
     measurement: Measurement
     proposal: Proposal
-    material: Material
-    thickness: tuple[float, float, float]  # low, taken, high [m]; all alike where given
+    heard: Heard
     density: float
     edges: dict[str, str]
     supports: tuple[tuple[float, float], ...] | None  # relative places; None where nobody told
@@ -94,23 +89,32 @@ class Draft:
     first: float | None = None  # first elastic natural frequency expected [Hz]
 
     @property
+    def material(self) -> Material:
+        """As named, or guessed."""
+        return self.heard.material
+
+    @property
+    def thickness(self) -> tuple[float, float, float]:
+        """Low, taken, high [m]; all alike where given."""
+        return self.heard.thickness
+
+    @property
     def orthotropic(self) -> bool:
         """Whether the plate may be stiffer along one side than along the other."""
         return self.material.young_ratio > 1
 
     @property
     def moduli(self) -> tuple[float, float]:
-        """Young's modulus along x and along y [Pa], as usual; the stiff direction is guessed along the longer side."""
-        root = math.sqrt(self.material.young_ratio)
-        along = root if self.proposal.length_x >= self.proposal.length_y else 1 / root
-        return self.material.youngs_modulus[1] * along, self.material.youngs_modulus[1] / along
+        """Young's modulus along x and along y [Pa], as usual."""
+        root = math.sqrt(self.heard.young_ratio)
+        return self.material.youngs_modulus[1] / root, self.material.youngs_modulus[1] * root
 
     @property
     def gain_is_known(self) -> bool:
         """Whether the level agrees with the file's unit."""
         if self.measurement.kind == "transmissibility":
             return True
-        if self.level is None or self.material is UNKNOWN or self.wishes.thickness is None:
+        if self.level is None or self.wishes.material is None or self.wishes.thickness is None:
             return False
         return 1 / SAME_LEVEL <= self.level <= SAME_LEVEL
 
@@ -122,15 +126,17 @@ def drafted(file: Path, wishes: Wishes) -> Draft:
         file: The measurement.
         wishes: What the user tells.
     """
-    material = UNKNOWN
+    named = None
     if wishes.material is not None:
         try:
-            material = find_material(wishes.material)
+            named = find_material(wishes.material)
         except KeyError as error:
             raise InputError(f"--material: {error.args[0]}") from None
     measurement, proposal = _placed(file, wishes)
+    edges = _edges(wishes, measurement)
+    guess = heard(measurement, proposal, edges, named, wishes.thickness, wishes.mass)
     area = proposal.length_x * proposal.length_y
-    density = material.density[1]
+    density = guess.material.density[1]
     if wishes.mass is not None and wishes.thickness is not None:
         density = wishes.mass / (area * wishes.thickness)
     draft = Draft(
@@ -138,10 +144,9 @@ def drafted(file: Path, wishes: Wishes) -> Draft:
         wishes=wishes,
         measurement=measurement,
         proposal=proposal,
-        material=material,
-        thickness=_thickness(measurement, wishes, material, area, density),
+        heard=guess,
         density=float(f"{density:.5g}"),
-        edges=_edges(wishes, measurement),
+        edges=edges,
         supports=None,
         band=(0.0, 0.0),
         band_reasons=("", ""),
@@ -185,19 +190,6 @@ def _placed(file: Path, wishes: Wishes) -> tuple[Measurement, Proposal]:
     measurement = in_frame(measurement, proposal.frame)
     place(measurement, proposal.length_x, proposal.length_y, 4, 4)
     return measurement, proposal
-
-
-def _thickness(
-    measurement: Measurement, wishes: Wishes, material: Material, area: float, density: float
-) -> tuple[float, float, float]:
-    if wishes.thickness is not None:
-        return (wishes.thickness,) * 3
-    top = float(measurement.frequency[-1])
-    seen = max(len(peaks(measurement)), 1) / top
-    guess = thickness_of(area, seen, material.youngs_modulus[1], material.poisson_ratio, density)
-    guess = min(guess, 0.05 * math.sqrt(area))
-    # Some modes show no peak of their own, so the plate is rather thinner than that.
-    return float(f"{guess / 6:.2g}"), float(f"{guess / 2:.2g}"), float(f"{1.5 * guess:.2g}")
 
 
 def _edges(wishes: Wishes, measurement: Measurement) -> dict[str, str]:

@@ -1,10 +1,14 @@
 """The commented YAML that `torchplate new` writes."""
 
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from torchplate.measurement import Said
 from torchplate.plate import ELEMENTS_PER_WAVELENGTH
+
+WIDE = 2.5
+"""Factor up and down in which the grain is searched about what the resonances say [-]; what was tried is 1.4 apart."""
 
 if TYPE_CHECKING:
     from torchplate.cli.verbs.new_draft import Draft
@@ -24,7 +28,7 @@ def compose(draft: "Draft", file: str, nodes: str | None) -> str:
         *_mesh(draft),
         *_measurement(draft, file, nodes),
         *_effects(draft),
-        SEARCH,
+        *_search(draft),
     ]
     return "\n".join(lines) + "\n"
 
@@ -92,7 +96,10 @@ def _gain(draft: "Draft") -> list[str]:
 def _effects(draft: "Draft") -> list[str]:
     material, wishes = draft.material, draft.wishes
     low, _, high = material.youngs_modulus
-    what = f"{material.name} ({material.source})" if wishes.material else "guess: no material was named"
+    what = f"{material.name} ({material.source})"
+    if wishes.material is None:
+        said = textwrap.wrap(f"guess: no material was named; {draft.heard.said}".rstrip("; "), 110)
+        what = "\n    # ".join(said)
     if draft.orthotropic:
         what += "; E is √(E_x E_y)"
     modulus = f"{{low: {_si(low)}, high: {_si(high)}, scale: log}}" if high > 2 * low else f"[{_si(low)}, {_si(high)}]"
@@ -105,7 +112,7 @@ def _effects(draft: "Draft") -> list[str]:
         density = f"{draft.density:g}    # kg/m³, guess: only h√(E/ρ) can be found"
     if wishes.thickness is None:
         thickness = f"{{low: {draft.thickness[0]:g}, high: {draft.thickness[2]:g}, scale: log}}"
-        thickness += "    # m, guess by the number of peaks: measure it"
+        thickness += f"    # m, guess by {draft.heard.by}: measure it"
         # A level of h and one of E do the same to every natural frequency.
         modulus = _si(material.youngs_modulus[1])
     else:
@@ -121,14 +128,19 @@ def _effects(draft: "Draft") -> list[str]:
         f"    thickness: {thickness}",
     ]
     if draft.orthotropic:
-        along = draft.proposal.length_x >= draft.proposal.length_y
-        ends = (0.02, 1.0) if along else (1.0, 50.0)
+        heard = draft.heard
+        along = heard.young_ratio < 1
+        ratio, shear = ((0.02, 1.0) if along else (1.0, 50.0)), (0.4, 2.5)
+        if heard.shear_factor is not None:
+            ratio = heard.young_ratio / WIDE, heard.young_ratio * WIDE
+            shear = heard.shear_factor / WIDE, heard.shear_factor * WIDE
+        why = "the longer side" if heard.shear_factor is None else "as the resonances say"
         lines += [
             "  grain:                          # wood is stiffer along the grain",
             "    effect: orthotropy",
-            f"    # guess: the grain runs along {'x' if along else 'y'}, the longer side; E_y/E_x",
-            f"    young_ratio: {{low: {ends[0]:g}, high: {ends[1]:g}, scale: log}}",
-            "    shear_factor: {low: 0.4, high: 2.5, scale: log}",
+            f"    # guess: the grain runs along {'x' if along else 'y'}, {why}; E_y/E_x",
+            f"    young_ratio: {{low: {ratio[0]:.3g}, high: {ratio[1]:.3g}, scale: log}}",
+            f"    shear_factor: {{low: {shear[0]:.3g}, high: {shear[1]:.3g}, scale: log}}",
         ]
     low, high = material.loss_factor
     lines += [
@@ -164,11 +176,17 @@ def _springs(places: Sequence[tuple[float, float]]) -> list[str]:
     ]
 
 
-SEARCH = """\
-# Amplitudes in decibel find the way from a far start; `relative_frf_norm`, which weighs the peaks, is the default.
-objective: {kind: log_amplitude}
-search: {optimizer: differential_evolution, strategy: rand/1/bin, n_member: 32, differential_weight: 0.7,
-  crossover_rate: 0.9, n_generation: 100, seed: 0}"""
+def _search(draft: "Draft") -> list[str]:
+    # No basis serves plates of many grains, so that each member takes an eigenproblem of its own.
+    few = draft.heard.shear_factor is not None
+    n_member, n_generation = (16, 50) if few else (32, 100)
+    return [
+        "# Amplitudes in decibel find the way from a far start; `relative_frf_norm`, the default, weighs the peaks.",
+        "objective: {kind: log_amplitude}",
+        f"search: {{optimizer: differential_evolution, strategy: rand/1/bin, n_member: {n_member}, "
+        "differential_weight: 0.7,",
+        f"  crossover_rate: 0.9, n_generation: {n_generation}, {'polish: true, ' if few else ''}seed: 0}}",
+    ]
 
 
 def _number(value: float, relative: float) -> str:

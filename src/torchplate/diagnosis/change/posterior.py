@@ -8,8 +8,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import scipy.stats
-
 from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.settings import ChangeSettings
 from torchplate.diagnosis.settings import Comparison
@@ -110,4 +108,6 @@ def chance(one: Weighed, n_tried: int, settings: ChangeSettings) -> float:
     Source: Gross and Vitells, European Physical Journal C 70 (2010) 525, on the best of many places.
     """
     part = (1 - settings.level) / max(1, n_tried * one.n_place)
+    import scipy.stats  # here: a third of what importing this package takes
+
     return float(scipy.stats.chi2.isf(part, max(1, one.n_parameter)))

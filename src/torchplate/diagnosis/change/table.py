@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import scipy.stats
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -95,6 +94,8 @@ def tables_changed(
 
 def limit(n: int, freedom: float) -> float:
     """χ² of so many frequencies that scatter alone exceeds as seldom as the diagnosis of a table has it."""
+    import scipy.stats  # here: a third of what importing this package takes
+
     return n * float(scipy.stats.f.ppf(TABLE.level, n, freedom))
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import scipy.stats
 from torch import Tensor
 
 from torchplate.diagnosis.before_and_after import verdict_of
@@ -41,6 +40,8 @@ def summarise_tables(
         seconds: that it took.
     """
     n = len(tables.mode)
+    import scipy.stats  # here: a third of what importing this package takes
+
     explained = last.chi_square <= n * float(scipy.stats.f.ppf(TABLE.level, n, tables.freedom))
     verdict = verdict_of(bool(named), explained)
     gaps = [tables.gap(first.predicted), *(tables.gap(fit.predicted) for fit, _ in named)]

@@ -9,7 +9,6 @@ a Gaussian whose variances are κ² = (ν + r·r) / (ν + n) times as large. Sou
 import math
 from dataclasses import dataclass, replace
 
-import scipy.stats
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -81,4 +80,6 @@ class TableEvidence:
     def limit(self, n_effective: float, level: float) -> float:
         """The χ² that scatter alone exceeds with probability 1 − level: (n − p) times the quantile of F(n − p, ν)."""
         rest = max(1.0, self.n - n_effective)
+        import scipy.stats  # here: a third of what importing this package takes
+
         return rest * float(scipy.stats.f.ppf(level, rest, self.freedom))

@@ -1,0 +1,172 @@
+"""What the resonances of a test say of a plate whose material or thickness nobody told."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import torch
+
+from torchplate.effects import Searched, find_effect
+from torchplate.identification import stretched
+from torchplate.measurement import Measurement, Proposal, peaks, place
+from torchplate.model import PlateModel
+from torchplate.notation import percent
+from torchplate.plate import MATERIALS, Material, Mesh, thickness_of
+
+UNKNOWN = Material(
+    "unknown material", (0.5e9, 20e9, 260e9), 0.3, 0.05, (500.0, 2700.0, 9000.0), (1e-4, 1e-1), "none named"
+)
+WOOD: Final = MATERIALS["wood"]
+YOUNG_RATIOS: Final = (0.05, 0.07, 0.1, 0.14, 0.2)
+"""E_y/E_x of wood with its grain along x that are tried; their inverses, with its grain along y [-]. Wood Handbook
+(FPL-GTR-190, 2010), table 5-1: softwoods 8 to 25 times as stiff along the grain as across."""
+SHEAR_FACTORS: Final = (0.5, 0.7, 1.0, 1.4)
+ODDS: Final = 10.0
+"""Wood has to be so many times likelier than an isotropic plate [-]; where the density is that of wood, likelier."""
+ENOUGH: Final = 0.5
+"""Of the FRFs' variance in decibel that a model may leave, to be believed [-]: more is hardly better than none."""
+N_ELEMENT: Final = 80
+"""Of the models that are tried."""
+THICKNESS: Final = 1e-3
+"""Of the models that are tried [m]: natural frequencies go with it."""
+SLACK: Final = 1.05
+"""Of √(E/ρ) squared and of ρ beyond the usual ranges [-]: callipers are 1 % off, and a coarse mesh as much."""
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What was heard of the plate.
+
+    Attributes:
+        material: As named; wood where the resonances are those of wood; else unknown.
+        said: What the resonances say of a material that was not named; empty where they say nothing.
+        young_ratio: E_y/E_x [-]; 1 of an isotropic plate.
+        shear_factor: G over its isotropic value [-], by the resonances; None where they say nothing of the grain.
+        thickness: Low, taken, high [m], with the material's usual numbers; all alike where given.
+        by: What the thickness is from.
+    """
+
+    material: Material
+    said: str
+    young_ratio: float
+    shear_factor: float | None
+    thickness: tuple[float, float, float]
+    by: str
+
+
+class _Nearest(NamedTuple):
+    """The model of a material that is nearest to a test: see `Stretch`."""
+
+    material: Material
+    young_ratio: float
+    shear_factor: float
+    factor: float
+    left: float
+    n_peak: int
+
+
+def heard(
+    measurement: Measurement,
+    proposal: Proposal,
+    edges: Mapping[str, str],
+    named: Material | None,
+    thickness: float | None,
+    mass: float | None,
+) -> Heard:
+    """Take the material and the thickness from the resonances where they were not told.
+
+    Args:
+        measurement: In the plate's own axes.
+        proposal: The plate's sides.
+        edges: That are held.
+        named: The material, if it was named.
+        thickness: [m], if it was given.
+        mass: Of the plate [kg], if it was given.
+    """
+    sides = proposal.length_x, proposal.length_y
+    material = named or UNKNOWN
+    given = None if thickness is None else (thickness,) * 3
+    if named is not None and named.young_ratio == 1 and given is not None:
+        return Heard(named, "", 1.0, None, given, "given")
+    plate = _nearest(measurement, sides, edges, material)
+    wood = None if named is not None else _nearest(measurement, sides, edges, WOOD)
+    density = None if mass is None or thickness is None else mass / (sides[0] * sides[1] * thickness)
+    said = ""
+    if plate is not None and wood is not None and _is_wood(wood, plate, density):
+        along = "x" if wood.young_ratio < 1 else "y"
+        said = (
+            f"the resonances are those of wood with its grain along {along}, which leaves {percent(wood.left, 2)} of "
+            f"the FRFs' variance in decibel, an isotropic plate {percent(plate.left, 2)}"
+        )
+        plate = wood
+    if plate is None or plate.left > ENOUGH:
+        # The longer side is along the grain, where nothing better is known.
+        usual = 1 / material.young_ratio if sides[0] >= sides[1] else material.young_ratio
+        by_number = _by_number(measurement, sides, material)
+        return Heard(material, "", usual, None, given or by_number, "given" if given else "the number of peaks")
+    grain = plate.young_ratio, plate.shear_factor if plate.material.young_ratio > 1 else None
+    if given is not None:
+        if named is None and not said:
+            said = _likely(plate, given[1], density)
+        return Heard(plate.material, said, *grain, given, "given")
+    taken = float(f"{plate.factor * THICKNESS:.2g}")
+    return Heard(plate.material, said, *grain, (taken / 2, taken, 2 * taken), "the resonances")
+
+
+def _nearest(
+    measurement: Measurement, sides: tuple[float, float], edges: Mapping[str, str], material: Material
+) -> _Nearest | None:
+    """The nearest of a material's models, by its usual numbers and `THICKNESS`."""
+    n_x = min(max(round(math.sqrt(N_ELEMENT * sides[0] / sides[1])), 6), N_ELEMENT // 6)
+    known = {
+        "plate.youngs_modulus": material.youngs_modulus[1],
+        "plate.poisson_ratio": material.poisson_ratio,
+        "plate.density": material.density[1],
+        "plate.thickness": THICKNESS,
+    }
+    grains = [(1.0, 1.0)]
+    if material.young_ratio > 1:
+        grains = [(ratio**way, shear) for way in (1, -1) for ratio in YOUNG_RATIOS for shear in SHEAR_FACTORS]
+    model = PlateModel(
+        Mesh(*sides, n_x, N_ELEMENT // n_x, edges=dict(edges)),
+        {"plate": find_effect("plate")(), "grain": find_effect("orthotropy")()},
+        known,
+        {"grain.young_ratio": Searched(0.01, 100.0), "grain.shear_factor": Searched(0.1, 10.0)},
+    )
+    found = stretched(model, torch.tensor(grains, dtype=torch.float64), measurement, place(measurement, *sides, 4, 4))
+    if found is None:
+        return None
+    best = int(found.left.argmin())
+    return _Nearest(material, *grains[best], float(found.factor[best]), float(found.left[best]), found.n_peak)
+
+
+def _is_wood(wood: _Nearest, plate: _Nearest, density: float | None) -> bool:
+    """Whether wood is likelier, by Schwarz's criterion: as many data as peaks, two numbers more."""
+    gain = wood.n_peak * math.log(plate.left / wood.left) - 2 * math.log(wood.n_peak)
+    of_wood = density is not None and WOOD.density[0] <= density <= WOOD.density[2]
+    return wood.left <= ENOUGH and gain > 2 * math.log(1.0 if of_wood else ODDS)
+
+
+def _likely(plate: _Nearest, thickness: float, density: float | None) -> str:
+    """The materials whose √(E/ρ) the resonances have, and whose density the mass gives."""
+    squared = (plate.factor * THICKNESS / thickness) ** 2 * plate.material.youngs_modulus[1] / plate.material.density[1]
+    names = [
+        one.name
+        for one in MATERIALS.values()
+        if one.young_ratio == 1
+        and one.youngs_modulus[0] / one.density[2] <= SLACK * squared
+        and squared <= SLACK * one.youngs_modulus[2] / one.density[0]
+        and (density is None or one.density[0] / SLACK <= density <= SLACK * one.density[2])
+    ]
+    return f"√(E/ρ) is near {math.sqrt(squared):.3g} m/s" + (f", as in {', '.join(names)}" if names else "")
+
+
+def _by_number(measurement: Measurement, sides: tuple[float, float], material: Material) -> tuple[float, float, float]:
+    """Thickness by the number of peaks: low, taken, high [m]."""
+    area = sides[0] * sides[1]
+    seen = max(len(peaks(measurement)), 1) / float(measurement.frequency[-1])
+    guess = thickness_of(area, seen, material.youngs_modulus[1], material.poisson_ratio, material.density[1])
+    guess = min(guess, 0.05 * math.sqrt(area))
+    # Some modes show no peak of their own, so the plate is rather thinner than that.
+    return float(f"{guess / 6:.2g}"), float(f"{guess / 2:.2g}"), float(f"{1.5 * guess:.2g}")

@@ -1,0 +1,74 @@
+"""One look at a test tells h√(E/ρ) and the grain, whatever level and loss."""
+
+import math
+
+import pytest
+import torch
+
+from torchplate.effects import HystereticDamping, Orthotropy, Plate, Searched
+from torchplate.identification import stretched
+from torchplate.measurement import SI_UNIT, Channel, Measurement, place
+from torchplate.model import PlateModel
+from torchplate.plate import Mesh
+
+NUMBERS = {"plate.youngs_modulus": 3e9, "plate.poisson_ratio": 0.1, "plate.density": 430.0, "plate.thickness": 1e-3}
+PLACES = {"response": [(0.02, 0.03)], "reference": [(0.97, 0.9), (0.31, 0.62)]}
+EDGES = {"free": {}, "clamped": {"x0": "clamped"}}
+
+
+def hit(sides, edges, kind, thickness, ratio, shear, loss=0.01, mesh=(20, 20)) -> Measurement:
+    """The FRFs of a plate, in a level of its own."""
+    known = NUMBERS | {"plate.thickness": thickness, "loss.stiffness_loss_factor": loss}
+    known |= {"grain.young_ratio": ratio, "grain.shear_factor": shear}
+    effects = {"plate": Plate(), "grain": Orthotropy(), "loss": HystereticDamping()}
+    model = PlateModel(Mesh(*sides, *mesh, edges=edges), effects, known)
+    frequency = torch.arange(4.0, 700.0, 0.5, dtype=torch.float64)
+    with torch.no_grad():
+        frf = 7.3 * model.frf(model.known[:0], frequency, **PLACES, kind=kind)
+    ends = {
+        name: tuple(Channel(n, "w", (sides[0] * x, sides[1] * y, 0.0)) for n, (x, y) in enumerate(points, start=1))
+        for name, points in PLACES.items()
+    }
+    measured = torch.ones(frf.shape[1:], dtype=torch.bool)
+    return Measurement(frequency, frf, measured, **ends, kind=kind, unit=SI_UNIT[kind])
+
+
+def models(sides, edges) -> PlateModel:
+    searched = {"grain.young_ratio": Searched(0.01, 100.0), "grain.shear_factor": Searched(0.1, 10.0)}
+    effects = {"plate": Plate(), "grain": Orthotropy()}
+    return PlateModel(Mesh(*sides, 9, 8, edges=edges), effects, NUMBERS, searched)
+
+
+@pytest.mark.parametrize("edges", EDGES.values(), ids=EDGES)
+@pytest.mark.parametrize(("sides", "kind"), [((0.58, 0.22), "accelerance"), ((0.4, 0.4), "mobility")])
+def test_the_grain_of_the_test_leaves_least_and_the_factor_is_its_thickness(sides, kind, edges):
+    measurement = hit(sides, edges, kind, thickness=0.0043, ratio=0.09, shear=0.75)
+    theta = torch.tensor([[1.0, 1.0], [0.09, 0.75], [1 / 0.09, 0.75]], dtype=torch.float64)
+    found = stretched(models(sides, edges), theta, measurement, place(measurement, *sides, 4, 4))
+    # A square plate that is turned by a right angle has the same natural frequencies, but not at these places.
+    assert int(found.left.argmin()) == 1
+    # Loss drawn three times as high, and modes of a coarse mesh, leave less than a tenth.
+    assert float(found.left[1]) < 0.15
+    # Natural frequencies go with the thickness; a step is 1 %, and the coarse mesh 1 % off.
+    assert float(found.factor[1]) == pytest.approx(4.3, rel=0.02)
+    assert found.n_peak >= 8
+
+
+def test_a_test_without_resonances_tells_nothing():
+    measurement = hit((0.58, 0.22), {}, "accelerance", thickness=0.04, ratio=0.09, shear=0.75)
+    theta = torch.tensor([[1.0, 1.0]], dtype=torch.float64)
+    assert stretched(models((0.58, 0.22), {}), theta, measurement, place(measurement, 0.58, 0.22, 4, 4)) is None
+
+
+def test_pairs_that_were_not_measured_or_are_dead_are_left_out():
+    sides = (0.58, 0.22)
+    measurement = hit(sides, {}, "accelerance", thickness=0.0043, ratio=0.09, shear=0.75)
+    frf, measured = measurement.frf.clone(), measurement.measured.clone()
+    frf[3, 0, 0] = 0
+    theta = torch.tensor([[0.09, 0.75]], dtype=torch.float64)
+    one = Measurement(
+        measurement.frequency, frf, measured, measurement.response, measurement.reference, "accelerance", "(m/s²)/N"
+    )
+    found = stretched(models(sides, {}), theta, one, place(one, *sides, 4, 4))
+    assert math.isfinite(float(found.left[0]))
+    assert float(found.factor[0]) == pytest.approx(4.3, rel=0.02)
