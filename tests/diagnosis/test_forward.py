@@ -597,6 +597,15 @@ def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab
     for doubted in (False, True):
         selection._settled(state, doubted)
     assert asked == [(), (naming,)]
+    # A gain of 1 within its standard errors changes nothing.
+    fit, asked[:] = state.fit, []
+    index = fit.model.names.index("sensor_gain_1.gain")
+    for far, expected in ((4.0, (naming,)), (6.0, ())):
+        theta = fit.theta.clone()
+        theta[index] = 1 + far * float(fit.covariance[index, index]) ** 0.5
+        monkeypatch.setattr(forward, "fit", lambda *_, theta=theta, **__: fit._replace(theta=theta))
+        selection._settled(state)
+        assert asked.pop() == expected
 
 
 @torch.no_grad()

@@ -345,8 +345,8 @@ class ForwardSelection:
     def _settled(self, state: State, doubted: bool = False) -> State:
         """The last model once more, with the mesh error taken off where it now is.
 
-        Where it leaves little, on a finer mesh; there an effect that closed but a small gap, or is doubted, has to show
-        again that it was not the mesh.
+        Where it leaves little, on a finer mesh; there an effect that closed but a small gap, or is doubted, or ends
+        where it changes nothing, has to show again: it may have been the mesh, or a way out for a fit that had stopped.
         """
         builder, target = self.builder, self.builder.target
         if not state.named and is_noise(state.fit):
@@ -364,9 +364,26 @@ class ForwardSelection:
         if little:
             small = self.settings.small_gap * target.floor
             last = state.named[-1] if doubted else None
-            again = tuple(one for one in state.named if one.before.left < small or one is last)
+            again = tuple(
+                one
+                for one in state.named
+                if one.before.left < small or one is last or self._is_nothing(one, settled.fit)
+            )
             settled = self.exchange.without_needless(settled, builder, again)
         return settled
+
+    def _is_nothing(self, naming: Naming, fit: Fit) -> bool:
+        """Whether all numbers of an effect may be those that leave the model as it is."""
+        hypothesis, off = naming.hypothesis, []
+        if hypothesis.candidate.replaces:
+            return False
+        for key, neutral in hypothesis.candidate.neutral.items():
+            if (name := f"{hypothesis.label}.{key}") in fit.model.names:
+                index = fit.model.names.index(name)
+                variance = float(fit.covariance[index, index].clamp(min=1e-300))
+                off.append(abs(float(fit.theta[index]) - neutral) / variance**0.5)
+        # What the data do not see has no standard error.
+        return bool(off) and not any(one > self.settings.nothing for one in off)
 
     def _explains_some(self, before: Fit, hypothesis: Hypothesis, by_cost: bool = False) -> bool:
         """Whether an effect explains so much that looking for another beside it is worth the time.

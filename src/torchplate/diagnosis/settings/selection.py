@@ -103,6 +103,8 @@ class Selecting:
         far_off: mean square beyond which it is doubted, where there are few FRFs [-]: several FRFs say plainly that
             nothing of the catalogue explains them.
         small_gap: gap below which what closed it may have been the mesh, in noise floors [-].
+        nothing: standard errors within which the numbers of an effect may be those that change nothing, so that it has
+            to show again [-]: chance lets the best of a catalogue take the square of that from −2 ln L.
         n_best: the best so many are followed where one alone may be wrong [-].
         explains_much: what leaves at most this part of the sum of squares explains much of it [-].
         explains_some: what leaves at most this part of the gap, or of the sum of squares where it has no number to be
@@ -128,6 +130,7 @@ class Selecting:
     doubtful: float = 12.0
     far_off: float = 20.0
     small_gap: float = 3.0
+    nothing: float = 5.0
     n_best: int = 2
     explains_much: float = 0.5
     explains_some: float = 0.75
