@@ -24,8 +24,7 @@ from torchplate.effects import HystereticDamping, Plate
 from torchplate.measurement import Analyser, Spectra
 from torchplate.model import PlateModel, Searched
 from torchplate.notation import percent
-from torchplate.plate import Mesh
-from torchplate.plate.added_mass import N_PANEL, influence, lattice
+from torchplate.plate import N_PANEL, Mesh, influence, lattice
 
 COARSE, FINE = 8, 16
 NOTHING = torch.zeros(0, dtype=torch.float64)

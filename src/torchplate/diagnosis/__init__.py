@@ -38,6 +38,7 @@ from torchplate.diagnosis.result import (
 from torchplate.diagnosis.rivals import SCHEMA, Doubt, Rival
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.settings import SETTINGS, DiagnosisSettings
+from torchplate.diagnosis.table import fitted_table
 from torchplate.diagnosis.target import FrfTarget
 
 __all__ = [
@@ -65,6 +66,7 @@ __all__ = [
     "diagnose",
     "fdac",
     "fdac_frequency",
+    "fitted_table",
     "frac_by_channel",
     "line_step",
     "what_changed",

@@ -13,7 +13,7 @@
 - `transforms`: what of all this may be remembered, and what belongs to a derivative.
 """
 
-from torchplate.plate.added_mass import AddedMass, dragged
+from torchplate.plate.added_mass import N_PANEL, AddedMass, dragged, influence, lattice
 from torchplate.plate.assemble import Assembly
 from torchplate.plate.correction import Correction, Unevenness
 from torchplate.plate.laminate import laminate
@@ -36,6 +36,7 @@ __all__ = [
     "ELEMENTS_PER_WAVELENGTH",
     "LOWEST_FREQUENCY",
     "MATERIALS",
+    "N_PANEL",
     "REFERENCE_FREQUENCY",
     "REMEMBERED",
     "STIFFEST",
@@ -59,8 +60,10 @@ __all__ = [
     "elements_for",
     "find_material",
     "frequency_of_wavelength",
+    "influence",
     "is_vmapped",
     "laminate",
+    "lattice",
     "thickness_of",
     "transformed",
 ]

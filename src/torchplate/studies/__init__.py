@@ -5,6 +5,7 @@
 - `paper`: the paper's tables and figures again, twenty seeds (`make paper`).
 - `real`: plates that others have measured (`make real`).
 - `masses`: what was lightened on a measured strip with masses, state by state.
+- `moduli`: what air and a sensor do to the moduli of the measured spruce plates.
 - `load`: time and memory of large work, each against what it is to keep to (`make load`).
 - `chairs`: from three kinds of files to an answer, with a stopwatch (`make chairs`).
 

@@ -26,11 +26,7 @@ from torch import Tensor
 from torchplate.cli.config import dump
 from torchplate.cli.config.build import load_run
 from torchplate.cli.config.plate_test import plate_test
-from torchplate.diagnosis.table.comparison import Comparing
-from torchplate.diagnosis.table.evidence import TableEvidence
-from torchplate.diagnosis.table.plates import Plates
-from torchplate.diagnosis.table.settings import SETTINGS
-from torchplate.diagnosis.tolerance import Held, with_tolerances
+from torchplate.diagnosis import PlateTest, fitted_table
 from torchplate.model import PlateModel, SparseModel
 from torchplate.notation import percent
 from torchplate.studies.real import CASES, CONFIGS, OUT
@@ -141,38 +137,35 @@ def moduli(plate: str, variant: Variant) -> Moduli:
         variant: what is there beside it.
     """
     peaks = _peaks(plate)
-    held, _ = _given(plate, variant, peaks, range(4, 4 + len(peaks)))
+    model = _given(plate, variant, peaks, range(4, 4 + len(peaks))).model
     # From the published moduli, which are near in any case.
-    modes, _ = _numbered(held.model, _published(held.model, plate), peaks)
+    modes, _ = _numbered(model, _published(model, plate), peaks)
     for _ in range(N_TURN):
-        held, evidence = _given(plate, variant, peaks, modes)
-        plates = Plates.corrected(held.model, evidence, SETTINGS)
-        weighed, _ = Comparing(plates, held.prior, SETTINGS, lambda _: None).baseline()
-        before, (modes, _) = modes, _numbered(held.model, weighed.theta, peaks)
+        test = _given(plate, variant, peaks, modes)
+        assert test.natural_frequencies is not None
+        found = fitted_table(test.model, test.natural_frequencies, test.tolerance)
+        before, (modes, _) = modes, _numbered(found.model, found.theta, peaks)
         if modes == before:
             break
-    off = (weighed.best.predicted / evidence.frequency - 1).square().mean().sqrt()
-    draws = _draws(weighed.best.position, weighed.best.precision)
-    return Moduli(_quantiles(held.model, draws), float(off), before)
+    off = (found.predicted / found.predicted.new_tensor(peaks) - 1).square().mean().sqrt()
+    return Moduli(_quantiles(found.model, _draws(found.position, found.precision)), float(off), before)
 
 
-def _given(plate: str, variant: Variant, peaks: Sequence[float], modes: Sequence[int]) -> tuple[Held, TableEvidence]:
-    """The model with what is known of it, and the table that it is held against, by way of a config."""
+def _given(plate: str, variant: Variant, peaks: Sequence[float], modes: Sequence[int]) -> PlateTest:
+    """The model and the table that it is held against, by way of a config."""
     folder = OUT / "moduli"
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{plate}_{variant.name}.yaml"
     path.write_text(dump(config(plate, variant, peaks, modes)), encoding="utf-8")
-    test = plate_test(load_run(path))
-    assert test.natural_frequencies is not None
-    return with_tolerances(test.model, test.tolerance), TableEvidence.of(test.natural_frequencies, SETTINGS)
+    return plate_test(load_run(path))
 
 
 @torch.no_grad()
 def off_published(plate: str) -> float:
     """Root mean square of the peaks' relative distance from the modes of the published moduli in a vacuum [-]."""
     peaks = _peaks(plate)
-    held, _ = _given(plate, VARIANTS[0], peaks, range(4, 4 + len(peaks)))
-    return _numbered(held.model, _published(held.model, plate), peaks)[1]
+    model = _given(plate, VARIANTS[0], peaks, range(4, 4 + len(peaks))).model
+    return _numbered(model, _published(model, plate), peaks)[1]
 
 
 def _peaks(plate: str) -> list[float]:

@@ -11,6 +11,6 @@
   what is missing still.
 """
 
-from torchplate.diagnosis.table.flow import diagnose_table
+from torchplate.diagnosis.table.flow import FittedTable, diagnose_table, fitted_table
 
-__all__ = ["diagnose_table"]
+__all__ = ["FittedTable", "diagnose_table", "fitted_table"]

@@ -2,8 +2,11 @@
 
 import time
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.table.comparison import Comparing, Comparison, Weighed
@@ -59,6 +62,41 @@ def diagnose_table(
     ]
     found = Found(tuple(compared), Posterior.of(compared, settings), prior, settings)
     return summarise(found, time.monotonic() - began)
+
+
+class FittedTable(NamedTuple):
+    """A model fitted to a table, its mesh error taken off.
+
+    Attributes:
+        model: whose searched parameters these are, those of the tolerances among them.
+        theta: of them, in SI units.
+        position: the same on the unit cube.
+        precision: inverse of the posterior covariance there.
+        predicted: natural frequencies of the table's modes [Hz].
+    """
+
+    model: PlateModel
+    theta: Float[Tensor, " n"]
+    position: Float[Tensor, " n"]
+    precision: Float[Tensor, "n n"]
+    predicted: Float[Tensor, " n_mode"]
+
+
+@torch.no_grad()
+def fitted_table(
+    model: PlateModel, table: NaturalFrequencies, tolerance: Mapping[str, float] | None = None
+) -> FittedTable:
+    """Fit a model to a table, and look for nothing beside it.
+
+    Args:
+        model: the model as it is believed.
+        table: what was measured.
+        tolerance: as for `diagnose_table`.
+    """
+    known, prior = with_tolerances(model, dict(tolerance or {}))
+    plates = Plates.corrected(known, TableEvidence.of(table, SETTINGS), SETTINGS)
+    found, _ = Comparing(plates, prior, SETTINGS, lambda _: None).baseline()
+    return FittedTable(known, found.theta, found.best.position, found.best.precision, found.best.predicted)
 
 
 def _best(one: Comparison) -> float:
