@@ -19,7 +19,7 @@ from torchplate.diagnosis.selection.criterion import choose
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.screen import Scored
-from torchplate.diagnosis.selection.trace import Ranked, State
+from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE, Effect, Parameter
@@ -311,7 +311,7 @@ def test_where_more_is_missing_a_name_has_to_take_a_part_of_what_is_left(lab, by
     hypothesis = scene.hypothesis("sensor_gain")
     less = lab.leaving(scene.fit, squares * 1e6)._replace(left=gaps * 0.8, by_noise=by_noise)
     before = State(scene.state.model, far)
-    named = State(scene.state.model, less, (hypothesis,), before)
+    named = State(scene.state.model, less, (Naming(hypothesis, choose((hypothesis,), far), far),), before)
     assert forward._worth_their_names(named, SETTINGS.selecting) is (named if worth else before)
 
 
@@ -515,7 +515,8 @@ def test_what_shows_in_the_noise_has_to_show_on_a_finer_mesh_before_anything_is_
     assert len(ranked.promises) == 1
     # What was named already is not asked again here.
     looked.clear()
-    named = replace(scene.state, named=(None,))
+    gain = scene.hypothesis("sensor_gain")
+    named = replace(scene.state, named=(Naming(gain, choose((gain,), scene.fit), scene.fit),))
     selection.ranking.at(named)
     assert looked == ["here"]
 

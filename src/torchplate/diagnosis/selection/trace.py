@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate
@@ -104,4 +103,4 @@ class Ranked:
     by_chance: float = 0.0
     far: frozenset[str] = frozenset()
     square: float = 0.0
-    ways: tuple[tuple[Candidate, Float[Tensor, " n"]], ...] = ()
+    ways: tuple[tuple[Candidate, Tensor], ...] = ()
