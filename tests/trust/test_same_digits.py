@@ -69,5 +69,5 @@ def test_a_diagnosis_hangs_on_nothing_that_a_process_happens_to_have(tmp_path):
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         trails.append((tmp_path / name / "whole_differential_evolution.descents").read_text().splitlines())
-    assert len(trails[0]) > 50
+    assert len(trails[0]) > 30
     assert trails[0] == trails[1]
