@@ -141,8 +141,9 @@ def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):
     # Where it was scored on a finer mesh, nothing was refitted.
     nothing = torch.zeros(0, dtype=torch.float64)
     promise = Scored(best.candidate, best.label, before.state.model, 0.02, {}, nothing[None], nothing, nothing)
-    for promises, expected in (((promise,), ["density, promises to take 20 from", "take 123 once"]), ((), [])):
-        ranked = Ranked(promises, (), 123.4, square=1000.0)
+    told = ["density, promises to take 20 from", "take 123 once"]
+    for promises, square, expected in (((promise,), 1000.0, told), ((), 1000.0, []), ((promise,), 0.0, [])):
+        ranked = Ranked(promises, (), 123.4, square=square)
         said = nothing_but_chance(replace(seen, rankings=(ranked,)))
-        assert len(said) == bool(promises)
+        assert len(said) == bool(expected)
         assert all(word in said[0] for word in expected)

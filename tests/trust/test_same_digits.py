@@ -13,6 +13,8 @@ FOLDER = Path(__file__).parent
 ALONE = """
 import pathlib, sys
 import killing
+# Over the whole catalogue, on meshes as they are.
+killing.of_fewer_effects = int
 killing.without_rendering()
 killing.Killing("diagnose", pathlib.Path(sys.argv[1]), 0)
 """
@@ -69,5 +71,5 @@ def test_a_diagnosis_hangs_on_nothing_that_a_process_happens_to_have(tmp_path):
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         trails.append((tmp_path / name / "whole_differential_evolution.descents").read_text().splitlines())
-    assert len(trails[0]) > 30
+    assert len(trails[0]) > 50
     assert trails[0] == trails[1]

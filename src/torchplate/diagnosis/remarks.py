@@ -113,7 +113,7 @@ def nothing_but_chance(seen: Trace) -> tuple[str, ...]:
         return ()
     ranked = seen.rankings[0]
     if not ranked.hypotheses:
-        if not ranked.promises:
+        if not ranked.promises or not ranked.square:
             return ()
         best = ranked.promises[0]
         return (
