@@ -52,6 +52,9 @@ KEPT = {
     "time_delay",
     "channel_polarity",
 }
+# References, end of the band [Hz] and lines. A diagnosis of four FRFs at few lines still descends, settles on a finer
+# mesh and writes its report.
+WHOLE, DIAGNOSED = ((1, 6, 10), 300.0, 60), ((1, 10), 150.0, 24)
 PERFECT = ("position_std", "frequency_drift", "calibration_std", "damping_scatter")
 TRUTH, INTERVAL = 2.04e11, [1.5e11, 2.6e11]
 SEARCHES = {
@@ -120,9 +123,8 @@ class Killing:
             truth["measurement"] = {"band": [0.0, 400.0]}
         path = self.folder / "truth.yaml"
         path.write_text(json.dumps(truth))
-        model, response, reference = load_model(path), (4, 7), (1, 6, 10) if self.verb == "run" else (1, 10)
-        # A diagnosis of four FRFs at few lines still descends, settles on a finer mesh and writes its report.
-        last, n_line = (300.0, 60) if self.verb == "run" else (150.0, 24)
+        model, response = load_model(path), (4, 7)
+        reference, last, n_line = WHOLE if self.verb == "run" else DIAGNOSED
         frequency = torch.linspace(8.0, last, n_line, dtype=torch.float64)
         frf = model.frf(model.known.new_zeros(0), frequency, list(response), list(reference), "accelerance")
         noise = torch.view_as_complex(torch.randn(*frf.shape, 2, generator=torch.Generator().manual_seed(3)).double())

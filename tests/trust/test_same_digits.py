@@ -13,8 +13,7 @@ FOLDER = Path(__file__).parent
 ALONE = """
 import pathlib, sys
 import killing
-# Over the whole catalogue, on meshes as they are.
-killing.of_fewer_effects = int
+killing.DIAGNOSED = killing.WHOLE
 killing.without_rendering()
 killing.Killing("diagnose", pathlib.Path(sys.argv[1]), 0)
 """
