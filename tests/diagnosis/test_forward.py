@@ -14,7 +14,7 @@ from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.selection import forward, ranking
+from torchplate.diagnosis.selection import forward, ranking, settling
 from torchplate.diagnosis.selection.criterion import choose
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.ranking import Ranking
@@ -459,7 +459,7 @@ def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(
     scene = lab.Scene()
     selection = ForwardSelection(scene.builder, {}, lambda _: None)
     state, settled = scene.state, replace(scene.state)
-    finer = selection._on_a_finer_mesh(state)
+    finer = selection.settling.on_a_finer_mesh(state)
     assert finer.mesh.n_element >= SETTINGS.meshes.settling.least > scene.builder.mesh.n_element
     nothing, asked, looked = torch.zeros(0), [], []
     candidate = scene.candidate("point_mass")
@@ -471,7 +471,7 @@ def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(
         return Ranked((promise,) if promised else (), (), 7.0, square=fine.fit.square)
 
     monkeypatch.setattr(Ranking, "scored", scored)
-    monkeypatch.setattr(selection, "_left_by_mesh", lambda *_: 3.0)
+    monkeypatch.setattr(selection.settling, "left_by_mesh", lambda *_: 3.0)
     monkeypatch.setattr(selection, "_needed", lambda state, _: looked.append(state))
     rankings: list[Ranked] = []
     assert selection._one_more(state, settled, rankings) is None
@@ -540,7 +540,7 @@ def test_beside_a_finer_mesh_candidates_promise_what_they_would_on_it(lab, monke
     given = selection.builder.given
     start = torch.full((1, 1), 0.5, dtype=torch.float64)
     state = State(given, fit(selection.builder, given, start, wide=False))
-    builder = selection._on_a_finer_mesh(state)
+    builder = selection.settling.on_a_finer_mesh(state)
     fine = replace(state, fit=fit(builder, given, start, wide=False))
     finer = ForwardSelection(builder, {}, lambda _: None)
     found, expected = (
@@ -575,12 +575,12 @@ def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab):
     given = selection.builder.given
     start = given.space.to_cube(theta)[None]
     coarse = State(given, fit(selection.builder, given, start, wide=False))
-    finer = selection._on_a_finer_mesh(coarse)
+    finer = selection.settling.on_a_finer_mesh(coarse)
     fine = State(given, fit(finer, given, start, wide=False))
     marginal = fine.fit.marginal
     left = float(marginal.whitened(marginal.over_noise(truth - fine.fit.expected)).square().sum())
     # 4.9 and 1.5: it need not be sharp, and it is no less than what is left.
-    assert left < selection._left_by_mesh(coarse, fine, finer) < 5 * left
+    assert left < selection.settling.left_by_mesh(coarse, fine, finer) < 5 * left
 
 
 @torch.no_grad()
@@ -596,7 +596,7 @@ def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab
     monkeypatch.setattr(selection.exchange, "judged_again", lambda state: state)
     monkeypatch.setattr(selection.exchange, "without_needless", lambda state, _, which: asked.append(which) or state)
     for doubted in (False, True):
-        selection._settled(state, doubted)
+        selection.settling.settled(state, doubted)
     assert asked == [(), (naming,)]
     # A gain of 1 within its standard errors changes nothing.
     fit, asked[:] = state.fit, []
@@ -604,8 +604,8 @@ def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab
     for far, expected in ((4.0, (naming,)), (6.0, ())):
         theta = fit.theta.clone()
         theta[index] = 1 + far * float(fit.covariance[index, index]) ** 0.5
-        monkeypatch.setattr(forward, "fit", lambda *_, theta=theta, **__: fit._replace(theta=theta))
-        selection._settled(state)
+        monkeypatch.setattr(settling, "fit", lambda *_, theta=theta, **__: fit._replace(theta=theta))
+        selection.settling.settled(state)
         assert asked.pop() == expected
 
 

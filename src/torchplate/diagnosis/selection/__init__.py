@@ -8,5 +8,6 @@
   alone would give in it.
 - `criterion`: by what hypotheses are compared.
 - `exchange`: exchange and backward elimination, once later effects are known.
+- `settling`: the last model on a finer mesh, and beside the error of the given one.
 - `trace`: what the selection has seen.
 """

@@ -35,6 +35,7 @@ from torchplate.diagnosis.selection.criterion import (
 from torchplate.diagnosis.selection.exchange import Exchange
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.screen import twins
+from torchplate.diagnosis.selection.settling import Settling
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 from torchplate.diagnosis.settings import Selecting
 from torchplate.diagnosis.target import FrfTarget
@@ -56,6 +57,7 @@ class ForwardSelection:
         self.settings = builder.target.settings.selecting
         self.ranking = Ranking(builder, prior, channels_of(builder.given), say, self._beside_a_finer_mesh)
         self.exchange = Exchange(builder, self.ranking, prior, say)
+        self.settling = Settling(builder, prior, self.ranking, self.exchange, say)
 
     def against(self, target: FrfTarget) -> "ForwardSelection":
         """The same beside other evidence."""
@@ -94,7 +96,7 @@ class ForwardSelection:
         if baseline.fit.reduced_misfit <= self.settings.far_off:
             return None
         builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
-        found = self._as_given_from(builder, builder.given, baseline.fit, wide=True)
+        found = self.settling.as_given_from(builder, builder.given, baseline.fit, wide=True)
         self.builder.count(builder.n_evaluation)
         if not is_explained(found, builder.target):
             return None
@@ -180,18 +182,11 @@ class ForwardSelection:
         builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
         begun, unrefined = self.begun, None
 
-        given = self._as_given_from(builder, builder.given, begun.fit, wide=True)
+        given = self.settling.as_given_from(builder, builder.given, begun.fit, wide=True)
         if final.named and not builder.held:
-            unrefined = self._as_given_from(builder, builder.adopt(final.model), final.fit, wide=False)
+            unrefined = self.settling.as_given_from(builder, builder.adopt(final.model), final.fit, wide=False)
         self.builder.count(builder.n_evaluation)
         return given, unrefined
-
-    def _as_given_from(self, builder: ModelBuilder, model: PlateModel, before: Fit, wide: bool) -> Fit:
-        """A model on the given mesh; what has no end near that of the same on a finer mesh is not followed to it."""
-        start, settings = before.model.space.to_cube(before.theta)[None], builder.target.settings
-        near = settings.selecting.close + settings.selecting.close_part * before.square
-        limit, beat = settings.searching.hopeless * before.square, Beat(before.way + near, before.cost + near)
-        return fit(builder, model, start, self.prior, wide, limit, known_section(before), beat=beat)
 
     def add_effects(self, state: State, most_effects: int) -> tuple[State, list[Ranked]]:
         """Add effects as long as they are needed and there are some; `begun` is what they were added to."""
@@ -226,7 +221,7 @@ class ForwardSelection:
                 break
         state = _worth_their_names(state, self.settings)
         state = self._two_that_promise(state, rankings, most_effects) or state
-        return self._ended(state), rankings
+        return self.settling.ended(state), rankings
 
     def _restarted(self, state: State, choice: Choice) -> Choice:
         """The best hypothesis from where members spread over the box lead, if more than noise is left of it.
@@ -280,7 +275,7 @@ class ForwardSelection:
         fit = state.fit
         if not is_noise(fit) and (not fit.by_noise or fit.reduced_misfit > self.settings.doubtful):
             return None
-        ended = self._ended(state, doubted)
+        ended = self.settling.ended(state, doubted)
         return ended if ended is state or is_explained(ended.fit, self.builder.target) else None
 
     def _one_more(self, before: State, state: State, rankings: list[Ranked]) -> State | None:
@@ -295,95 +290,11 @@ class ForwardSelection:
             rankings: the new one joins them.
         """
         self.say("nothing but noise is left: looking for what hides in it")
-        if state is not before and (scored := self._nothing_hides(before, state)) is not None:
+        if state is not before and (scored := self.settling.nothing_hides(before, state)) is not None:
             rankings.append(scored)
             return None
         needed = self._needed(before, rankings)
         return None if needed is None else self._explained(self._added(before, *needed), doubted=True)
-
-    def _beside_a_finer_mesh(self, state: State) -> Ranked | None:
-        """The catalogue beside a state that leaves noise, scored on a finer mesh; None where something hides there."""
-        self.say("  the mesh may be what that is: the model as it is on a finer one")
-        builder = self._on_a_finer_mesh(state)
-        start, about = state.model.space.to_cube(state.fit.theta)[None], known_section(state.fit)
-        fine = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False, about=about))
-        return self._nothing_hides(state, fine) if is_noise(fine.fit) else None
-
-    def _nothing_hides(self, coarse: State, fine: State) -> Ranked | None:
-        """The catalogue scored on the mesh that a state was settled on; None where it promises more than chance.
-
-        Args:
-            coarse: the state on the mesh where effects are looked for.
-            fine: where the last models are settled.
-        """
-        scored = self.ranking.scored(fine, self._left_by_mesh(coarse, fine, self._on_a_finer_mesh(fine)))
-        more = bool(scored.promises) and scored.promises[0].drop * scored.square > scored.by_chance
-        return None if more else scored
-
-    def _left_by_mesh(self, coarse: State, fine: State, finer: ModelBuilder) -> float:
-        """Sum of squares that the finer mesh may have left, from what two meshes differ by where both are fitted.
-
-        What is left is of the second order in a side: on meshes of n and N elements, e_N = (e_n − e_N) n / (N − n).
-        """
-        marginal = fine.fit.marginal
-        differ = marginal.whitened(marginal.over_noise(coarse.fit.expected - fine.fit.expected)).square().sum()
-        n, further = self.builder.mesh.n_element, finer.mesh.n_element - self.builder.mesh.n_element
-        return float(differ) * (n / further) ** 2 if further > 0 else 0.0
-
-    def _on_a_finer_mesh(self, state: State) -> ModelBuilder:
-        """What builds the last models, with the mesh error taken off where a state is."""
-        builder = self.builder.as_fine_as(self.builder.target.settings.meshes.settling)
-        return builder.expecting(builder.corrected(state.model, state.fit.theta))
-
-    def _ended(self, state: State, doubted: bool = False) -> State:
-        """The state, settled; as it is, where that leaves noise alone and settling more."""
-        settled = self._settled(state, doubted)
-        if is_explained(settled.fit, self.builder.target) or not is_noise(state.fit):
-            return settled
-        return state
-
-    def _settled(self, state: State, doubted: bool = False) -> State:
-        """The last model once more, with the mesh error taken off where it now is.
-
-        Where it leaves little, on a finer mesh; there an effect that closed but a small gap, or is doubted, or ends
-        where it changes nothing, has to show again: it may have been the mesh, or a way out for a fit that had stopped.
-        """
-        builder, target = self.builder, self.builder.target
-        if not state.named and is_noise(state.fit):
-            return state
-        state = self.exchange.judged_again(state)
-        little = state.fit.by_noise and state.fit.reduced_misfit < self.settings.doubtful
-        if not little and not state.named:
-            return state
-        if little:
-            self.say("settling on a finer mesh")
-            builder = self._on_a_finer_mesh(state)
-        start = state.model.space.to_cube(state.fit.theta)[None]
-        about = known_section(state.fit)
-        settled = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False, about=about))
-        if little:
-            small = self.settings.small_gap * target.floor
-            last = state.named[-1] if doubted else None
-            again = tuple(
-                one
-                for one in state.named
-                if one.before.left < small or one is last or self._is_nothing(one, settled.fit)
-            )
-            settled = self.exchange.without_needless(settled, builder, again)
-        return settled
-
-    def _is_nothing(self, naming: Naming, fit: Fit) -> bool:
-        """Whether all numbers of an effect may be those that leave the model as it is."""
-        hypothesis, off = naming.hypothesis, []
-        if hypothesis.candidate.replaces:
-            return False
-        for key, neutral in hypothesis.candidate.neutral.items():
-            if (name := f"{hypothesis.label}.{key}") in fit.model.names:
-                index = fit.model.names.index(name)
-                variance = float(fit.covariance[index, index].clamp(min=1e-300))
-                off.append(abs(float(fit.theta[index]) - neutral) / variance**0.5)
-        # What the data do not see has no standard error.
-        return bool(off) and not any(one > self.settings.nothing for one in off)
 
     def _explains_some(self, before: Fit, hypothesis: Hypothesis, by_cost: bool = False) -> bool:
         """Whether an effect explains so much that looking for another beside it is worth the time.
@@ -486,6 +397,10 @@ class ForwardSelection:
         none = evidence(state.fit, weight) - 2 * math.log(1 - state.fit.comparison.missing)
         both = evidence(best.fit, weight) + sum(one.hypothesis.prior for one in best.named)
         return best if both < none else None
+
+    def _beside_a_finer_mesh(self, state: State) -> Ranked | None:
+        # Settling itself asks the ranking, which is made before it.
+        return self.settling.beside_a_finer_mesh(state)
 
     def _needed(self, state: State, rankings: list[Ranked]) -> tuple[Choice, Ranked] | None:
         """The best of the catalogue beside a state, if it is more probable than none; the ranking joins the others."""

@@ -1,0 +1,123 @@
+"""The end of a selection: the last model on a finer mesh, and beside the error of the given one."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from torchplate.diagnosis.fit import Beat, fit
+from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.problem import Prior
+from torchplate.diagnosis.selection.criterion import is_explained, is_noise, known_section
+from torchplate.diagnosis.selection.exchange import Exchange
+from torchplate.diagnosis.selection.ranking import Ranking
+from torchplate.diagnosis.selection.trace import Naming, Ranked, State
+from torchplate.model import PlateModel
+
+
+class Settling:
+    """Fits what a selection ended with where meshes differ from the one that effects are looked for on.
+
+    Args:
+        builder: makes and evaluates models, beside the evidence.
+        prior: what is known of the given model's parameters beforehand.
+        ranking: scores the catalogue.
+        exchange: judges names again.
+        say: is told what is being tried.
+    """
+
+    def __init__(
+        self, builder: ModelBuilder, prior: Prior, ranking: Ranking, exchange: Exchange, say: Callable[[str], None]
+    ) -> None:
+        self.builder, self.prior, self.ranking, self.exchange, self.say = builder, prior, ranking, exchange, say
+        self.settings = builder.target.settings.selecting
+
+    def ended(self, state: State, doubted: bool = False) -> State:
+        """The state, settled; as it is, where that leaves noise alone and settling more."""
+        settled = self.settled(state, doubted)
+        if is_explained(settled.fit, self.builder.target) or not is_noise(state.fit):
+            return settled
+        return state
+
+    def settled(self, state: State, doubted: bool = False) -> State:
+        """The last model once more, with the mesh error taken off where it now is.
+
+        Where it leaves little, on a finer mesh; there an effect that closed but a small gap, or is doubted, or ends
+        where it changes nothing, has to show again: it may have been the mesh, or a way out for a fit that had stopped.
+        """
+        builder, target = self.builder, self.builder.target
+        if not state.named and is_noise(state.fit):
+            return state
+        state = self.exchange.judged_again(state)
+        little = state.fit.by_noise and state.fit.reduced_misfit < self.settings.doubtful
+        if not little and not state.named:
+            return state
+        if little:
+            self.say("settling on a finer mesh")
+            builder = self.on_a_finer_mesh(state)
+        start = state.model.space.to_cube(state.fit.theta)[None]
+        about = known_section(state.fit)
+        settled = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False, about=about))
+        if little:
+            small = self.settings.small_gap * target.floor
+            last = state.named[-1] if doubted else None
+            again = tuple(
+                one
+                for one in state.named
+                if one.before.left < small or one is last or self._is_nothing(one, settled.fit)
+            )
+            settled = self.exchange.without_needless(settled, builder, again)
+        return settled
+
+    def _is_nothing(self, naming: Naming, fit: Fit) -> bool:
+        """Whether all numbers of an effect may be those that leave the model as it is."""
+        hypothesis, off = naming.hypothesis, []
+        if hypothesis.candidate.replaces:
+            return False
+        for key, neutral in hypothesis.candidate.neutral.items():
+            if (name := f"{hypothesis.label}.{key}") in fit.model.names:
+                index = fit.model.names.index(name)
+                variance = float(fit.covariance[index, index].clamp(min=1e-300))
+                off.append(abs(float(fit.theta[index]) - neutral) / variance**0.5)
+        # What the data do not see has no standard error.
+        return bool(off) and not any(one > self.settings.nothing for one in off)
+
+    def beside_a_finer_mesh(self, state: State) -> Ranked | None:
+        """The catalogue beside a state that leaves noise, scored on a finer mesh; None where something hides there."""
+        self.say("  the mesh may be what that is: the model as it is on a finer one")
+        builder = self.on_a_finer_mesh(state)
+        start, about = state.model.space.to_cube(state.fit.theta)[None], known_section(state.fit)
+        fine = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False, about=about))
+        return self.nothing_hides(state, fine) if is_noise(fine.fit) else None
+
+    def nothing_hides(self, coarse: State, fine: State) -> Ranked | None:
+        """The catalogue scored on the mesh that a state was settled on; None where it promises more than chance.
+
+        Args:
+            coarse: the state on the mesh where effects are looked for.
+            fine: where the last models are settled.
+        """
+        scored = self.ranking.scored(fine, self.left_by_mesh(coarse, fine, self.on_a_finer_mesh(fine)))
+        more = bool(scored.promises) and scored.promises[0].drop * scored.square > scored.by_chance
+        return None if more else scored
+
+    def left_by_mesh(self, coarse: State, fine: State, finer: ModelBuilder) -> float:
+        """Sum of squares that the finer mesh may have left, from what two meshes differ by where both are fitted.
+
+        What is left is of the second order in a side: on meshes of n and N elements, e_N = (e_n − e_N) n / (N − n).
+        """
+        marginal = fine.fit.marginal
+        differ = marginal.whitened(marginal.over_noise(coarse.fit.expected - fine.fit.expected)).square().sum()
+        n, further = self.builder.mesh.n_element, finer.mesh.n_element - self.builder.mesh.n_element
+        return float(differ) * (n / further) ** 2 if further > 0 else 0.0
+
+    def on_a_finer_mesh(self, state: State) -> ModelBuilder:
+        """What builds the last models, with the mesh error taken off where a state is."""
+        builder = self.builder.as_fine_as(self.builder.target.settings.meshes.settling)
+        return builder.expecting(builder.corrected(state.model, state.fit.theta))
+
+    def as_given_from(self, builder: ModelBuilder, model: PlateModel, before: Fit, wide: bool) -> Fit:
+        """A model on the given mesh; what has no end near that of the same on a finer mesh is not followed to it."""
+        start, settings = before.model.space.to_cube(before.theta)[None], builder.target.settings
+        near = settings.selecting.close + settings.selecting.close_part * before.square
+        limit, beat = settings.searching.hopeless * before.square, Beat(before.way + near, before.cost + near)
+        return fit(builder, model, start, self.prior, wide, limit, known_section(before), beat=beat)
