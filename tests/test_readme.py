@@ -87,5 +87,5 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
 def test_the_map_of_runs_says_which_cases_the_committed_tables_are_of(table):
     head = (ROOT / "runs/blind" / table / "table.md").read_text().splitlines()[0]
     numbers = re.findall(r"\d+", re.match(r"Cases ([\d andto]+),", head)[1])
-    which = rf"{numbers[0]} to {numbers[-1]} of (set )?{Path(table).name} "
+    which = rf"{numbers[0]} to {numbers[-1]} of (set )?{Path(table).name}\s"
     assert re.search(which, (ROOT / "runs/README.md").read_text())
