@@ -35,10 +35,10 @@ def test_memory_that_grows_is_not_kept_and_one_that_stays_is(monkeypatch):
 def test_a_line_takes_the_place_of_what_was_measured_of_the_same_work_and_others_stay():
     page = PAGE.read_text()
     for line in (Line("1,000 sheets: flat", 9.0, 1.0, "z", True), Line("two", 3.0, 0.25, "y", False)):
-        page = with_line(page, line)
+        page = with_line(page, line, "abc")
     rows = between(page, ENDS).splitlines()
-    page = with_line(page, Line("20 sheets: bent", 2.0, 0.5, "x", True))
-    assert "| two | 3 | 0.25 | y: **not kept** |" in page
+    page = with_line(page, Line("20 sheets: bent", 2.0, 0.5, "x", True), "def")
+    assert "| two | 3 | 0.25 | y: **not kept** | abc |" in page
     now = between(page, ENDS).splitlines()
     assert now[:-2] == rows[:-2]
-    assert now[-2:] == ["| 20 sheets: bent | 2 | 0.50 | x: kept |", "| two | 3 | 0.25 | y: **not kept** |"]
+    assert now[-2:] == ["| 20 sheets: bent | 2 | 0.50 | x: kept | def |", "| two | 3 | 0.25 | y: **not kept** | abc |"]

@@ -1,8 +1,5 @@
 """The figures of long commands on the verification page: one row each, which the command itself writes."""
 
-import subprocess
-from pathlib import Path
-
 ENDS = ("<!-- trust -->", "<!-- end of trust -->")
 HEAD = ["| what | command | seen | at |", "|---|---|---|---|"]
 
@@ -18,8 +15,9 @@ def with_row(page: str, what: str, command: str, seen: str, at: str) -> str:
 
 def commit() -> str:
     """What is tried; "-dirty" where files differ from it."""
-    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
-    return subprocess.run(asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=False).stdout.strip()
+    from torchplate.bench.marked_page import commit
+
+    return commit()
 
 
 def put(what: str, command: str, seen: str) -> None:

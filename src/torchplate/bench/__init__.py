@@ -22,7 +22,7 @@ from torchplate.bench.air import air
 from torchplate.bench.generation import generation, memory
 from torchplate.bench.gradient import gradient
 from torchplate.bench.identification import identification
-from torchplate.bench.marked_page import PAGE, between, put
+from torchplate.bench.marked_page import PAGE, between, commit, put
 from torchplate.bench.problem import KNOWN, LINES, SEARCHED, TRUTH, members, paper_model
 from torchplate.bench.slopes import slopes
 from torchplate.bench.timing import peak_memory
@@ -35,6 +35,7 @@ __all__ = [
     "TRUTH",
     "air",
     "between",
+    "commit",
     "generation",
     "gradient",
     "identification",

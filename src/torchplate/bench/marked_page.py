@@ -1,6 +1,7 @@
 """The verification page of the documentation, whose tables stand between marks that commands find them by."""
 
 import re
+import subprocess
 from pathlib import Path
 
 PAGE = Path(__file__).parents[3] / "docs" / "verification.md"
@@ -15,6 +16,12 @@ def put(text: str, ends: tuple[str, str], new: str) -> str:
     """The page with something else between two marks."""
     before, _, after = _parts(text, ends)
     return f"{before}{ends[0]}\n{new}\n{ends[1]}{after}"
+
+
+def commit() -> str:
+    """What is measured: the commit of this package; "-dirty" where files differ from it, "" outside of a repository."""
+    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    return subprocess.run(asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=False).stdout.strip()
 
 
 def _parts(text: str, ends: tuple[str, str]) -> tuple[str, str, str]:

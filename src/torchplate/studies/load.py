@@ -22,7 +22,19 @@ from typing import NamedTuple
 import torch
 from rich.console import Console
 
-from torchplate.bench import KNOWN, LINES, PAGE, SEARCHED, TRUTH, between, members, paper_model, peak_memory, put
+from torchplate.bench import (
+    KNOWN,
+    LINES,
+    PAGE,
+    SEARCHED,
+    TRUTH,
+    between,
+    commit,
+    members,
+    paper_model,
+    peak_memory,
+    put,
+)
 from torchplate.cli.verbs.run import run
 from torchplate.diagnosis import diagnose
 from torchplate.effects import Effect, HystereticDamping, Plate, PointMass, SupportSpring
@@ -58,10 +70,10 @@ class Line(NamedTuple):
     kept: str
     held: bool
 
-    def cells(self) -> str:
-        """The line in Markdown."""
+    def cells(self, at: str = "") -> str:
+        """The line in Markdown, of the code at that commit."""
         held = "kept" if self.held else "**not kept**"
-        return f"| {self.what} | {self.seconds:.3g} | {self.peak_gib:.2f} | {self.kept}: {held} |"
+        return f"| {self.what} | {self.seconds:.3g} | {self.peak_gib:.2f} | {self.kept}: {held} | {at} |"
 
 
 def in_sequence(n_run: int) -> Line:
@@ -220,11 +232,17 @@ def measured(name: str, told: argparse.Namespace) -> Line:
     return Line(**json.loads(done.stdout.splitlines()[-1]))
 
 
-def with_line(page: str, line: Line) -> str:
-    """The page with one line anew, whatever its numbers were; those of other work stay."""
-    head = ["| work | seconds of the processor | peak [GiB] | held against |", "|---|---|---|---|"]
+def with_line(page: str, line: Line, at: str) -> str:
+    """The page with one line anew, whatever its numbers were; those of other work stay.
+
+    Args:
+        page: as it was.
+        line: of which the row is.
+        at: the commit that was measured.
+    """
+    head = ["| work | seconds of the processor | peak [GiB] | held against | at |", "|---|---|---|---|---|"]
     rows = between(page, ENDS).splitlines()[len(head) :]
-    new = line.cells()
+    new = line.cells(at)
     kept = [new if _work(row) == _work(new) else row for row in rows]
     return put(page, ENDS, "\n".join([*head, *kept, *([] if new in kept else [new])]))
 
@@ -246,12 +264,12 @@ def main(arguments: list[str] | None = None) -> int:
     if told.part is not None:
         print(json.dumps(PARTS[told.part](told)._asdict()))
         return 0
-    lines = []
+    lines, at = [], commit()
     for name in told.only:
         lines.append(measured(name, told))
-        print(lines[-1].cells(), flush=True)
+        print(lines[-1].cells(at), flush=True)
         if told.write:
-            PAGE.write_text(with_line(PAGE.read_text(), lines[-1]))
+            PAGE.write_text(with_line(PAGE.read_text(), lines[-1], at))
     return 0 if all(line.held for line in lines) else 1
 
 
