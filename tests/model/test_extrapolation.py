@@ -11,7 +11,7 @@ from torchplate.cli.config.build import load_model, load_run
 from torchplate.effects import MeshDiscretisation, Plate
 from torchplate.model import PlateModel, Searched, SparseModel, extrapolate, reduce
 from torchplate.model.reduced_basis import ritz_basis
-from torchplate.plate import Mesh
+from torchplate.plate import Assembly, Mesh
 
 YOUNG, POISSON, DENSITY, THICKNESS = 7.1e10, 0.3, 2730.0, 0.0032
 NOTHING = torch.zeros(0, dtype=torch.float64)
@@ -104,6 +104,20 @@ def test_frfs_between_the_nodes_come_near_those_of_a_much_finer_mesh(plates, rel
     assert found < plain / 2.5
     direct = better.frf_direct(NOTHING, lines)
     assert relative_error(better.frf(NOTHING, lines), direct) < 1e-9
+
+
+def test_the_finer_mesh_is_never_assembled_densely(monkeypatch):
+    """Its dense matrices would take sixteen times the memory of those of the mesh itself."""
+    assembled = set()
+    scatter = Assembly._scatter
+
+    def seen(assembly, *values):
+        assembled.add(assembly.mesh.refine)
+        return scatter(assembly, *values)
+
+    monkeypatch.setattr(Assembly, "_scatter", seen)
+    extrapolate(bare(Mesh(0.51, 0.33, 4, 3)))
+    assert assembled == {1}
 
 
 def test_sparse_matrices_say_what_dense_ones_do(relative_error):
