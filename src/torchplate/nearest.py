@@ -9,9 +9,13 @@ LIKENESS: Final = 0.4
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name most like this one; None if none is like it."""
+    """The known name most like this one, or with these initials; None if none is like it."""
     # Letter case is what people forget most, and difflib counts it as another letter.
     folded = {other.casefold(): other for other in known}
+    # DE for differential_evolution.
+    letters = {"".join(word[:1] for word in other.split("_")): name for other, name in folded.items() if "_" in other}
+    if name.casefold() in letters and name.casefold() not in folded:
+        return letters[name.casefold()]
     near = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=LIKENESS)
     return folded[near[0]] if near else None
 

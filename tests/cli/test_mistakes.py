@@ -80,6 +80,14 @@ def first_record(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
     return change
 
 
+def first_line(bench: Any, frequency: float) -> None:
+    """The file begins at this frequency [Hz]."""
+    frfs = Measurement.from_npz(bench.folder / "plate.npz")
+    lines = frfs.frequency.clone()
+    lines[0] = frequency
+    replace(frfs, frequency=lines).to_npz(bench.folder / "plate.npz")
+
+
 UFF = {"measurement.file": "plate.uff"}
 
 MISTAKES = {
@@ -121,6 +129,42 @@ MISTAKES = {
         SAID, ["rad/s", "divide by 2π"], {"measurement": {"natural_frequencies": {4: 497.0, 5: 542.0, 6: 1130.0}}}
     ),
     "band in kHz": Mistake(REFUSED, ["measurement.band", "2 to 400 Hz"], {"measurement.band": [0.008, 0.4]}),
+    "band in kHz beside a line at 0 Hz": Mistake(
+        SAID,
+        ["measurement.band", "holds 1 line", "kHz", "write [30, 400]"],
+        {"measurement.band": [0.03, 0.4]},
+        lambda bench: first_line(bench, 0.25),
+    ),
+    "band in rad/s": Mistake(
+        SAID,
+        ["measurement.band", "2 to 400 Hz", "rad/s", "write [29.9, 400]"],
+        {"measurement.band": [188, 2513]},
+    ),
+    "springs in N/mm": Mistake(
+        SAID,
+        ["effects.wires.stiffness", "1.31 N/m", "N/mm", "1310", "leave the supports out"],
+        {"effects.wires.stiffness": 1.31},
+    ),
+    "interval of a loss factor in per cent": Mistake(
+        SAID,
+        ["effects.loss.stiffness_loss_factor", "per cent", "[0.001, 0.05]"],
+        {"effects.loss.stiffness_loss_factor": [0.1, 5.0]},
+    ),
+    "Poisson's ratio in per cent": Mistake(
+        REFUSED, ["plate.poisson_ratio", "per cent", "0.31"], {"effects.plate.poisson_ratio": 31}
+    ),
+    "place in mm": Mistake(
+        REFUSED,
+        ["magnet.x", "share of the side", "divide"],
+        {"effects.magnet": {"effect": "point_mass", "x": 130.0, "y": 120.0, "mass": 0.02}},
+    ),
+    "mesh of one element": Mistake(
+        SAID,
+        ["mesh", "1 × 1 elements", "400 Hz", "mesh.refine"],
+        {"mesh.n_x": 1, "mesh.n_y": 1, "effects.wires.nodes": [2]},
+        uff(lambda content: content, places=1.0),
+        arguments=("run", "plate.yaml", "--out", "out", "--set", "measurement.file=plate.uff"),
+    ),
     "coordinates in mm": Mistake(
         REFUSED,
         ["measurement.file", "millimetres", "measurement.frame: {unit: mm}", "dataset 164"],
@@ -167,6 +211,12 @@ MISTAKES = {
     "results into a file": Mistake(
         REFUSED, ["--out plate.npz", "Name another place"], arguments=("run", "plate.yaml", "--out", "plate.npz")
     ),
+    "config of Windows": Mistake(
+        REFUSED,
+        ["moved.yaml", "got UTF-16", "Save it as UTF-8"],
+        prepare=lambda bench: (bench.folder / "moved.yaml").write_text("mesh: {n_x: 3}", encoding="utf-16"),
+        arguments=("run", "moved.yaml"),
+    ),
     # Keys
     "key misspelt": Mistake(REFUSED, ["mesh.lenght_x", "'length_x'?"], {"mesh.lenght_x": 0.4}),
     "key twice": Mistake(
@@ -181,6 +231,35 @@ MISTAKES = {
         REFUSED, ["effects.plate.thickness", "0,0031", "decimal point"], {"effects.plate.thickness": "0,0031"}
     ),
     "setting of another search": Mistake(REFUSED, ["search.limit", "There are: strategy"], {"search.limit": 20}),
+    "tab": Mistake(REFUSED, ["line 2", "tab", "blanks"], text=lambda _: "mesh:\n\tlength_x: 0.4\n"),
+    "band that is no list": Mistake(
+        REFUSED, ["measurement.band", "a list", "'30-400'", "[5.0, 400.0]"], {"measurement.band": "30-400"}
+    ),
+    "band of nothing": Mistake(REFUSED, ["measurement.band", "[5.0, 400.0]"], {"measurement.band": []}),
+    "objective that is a word": Mistake(REFUSED, ["objective:", "keys", "'frac'", "kind"], {"objective": "frac"}),
+    "nodes that are a word": Mistake(
+        REFUSED, ["effects.wires.nodes", "a list", "'2-10'"], {"effects.wires.nodes": "2-10"}
+    ),
+    "natural frequencies in a list": Mistake(
+        REFUSED,
+        ["measurement.natural_frequencies", "keys with values", "4: 68.4"],
+        {"measurement": {"natural_frequencies": [41.0, 62.0]}},
+    ),
+    "no natural frequency": Mistake(
+        REFUSED,
+        ["plate.yaml: measurement.natural_frequencies: Expected", "{1: 4.5, 6: 70.5}"],
+        {"measurement": {"natural_frequencies": {}}},
+    ),
+    "interval of one number": Mistake(
+        REFUSED, ["effects.plate.density", "Write the number alone"], {"effects.plate.density": [7700, 7700]}
+    ),
+    "optimizer by its letters": Mistake(
+        REFUSED, ["search.optimizer", "'DE'", "Did you mean 'differential_evolution'?"], {"search.optimizer": "DE"}
+    ),
+    "node twice": Mistake(REFUSED, ["effects.wires", "each node once", "2"], {"effects.wires.nodes": [2, 2, 11]}),
+    "--set without a sign": Mistake(
+        REFUSED, ["--set search.seed", "search.seed=3"], arguments=("run", "plate.yaml", "--set", "search.seed", "3")
+    ),
     "node off the grid": Mistake(REFUSED, ["effects.wires.nodes", "1 to 12", "13"], {"effects.wires.nodes": [2, 13]}),
 }
 

@@ -106,7 +106,11 @@ def _main(given: list[str]) -> int:
     """Run one verb; what it cannot use is said."""
     # The others need not be asked what they take.
     verb = next((word for word in given if not word.startswith("-")), "")
-    parsed = parser(verb).parse_args(given)
+    whole = parser(verb)
+    parsed, left = whole.parse_known_args(given)
+    # What follows `--set search.seed` belongs to it: the verb says how it is written.
+    if left and all("=" in override for override in getattr(parsed, "set", [])):
+        whole.error(f"unrecognized arguments: {' '.join(left)}")
     # What is timed has the threads that it is told.
     if parsed.verb != "bench":
         _threads_sleep_while_they_wait(os.environ)

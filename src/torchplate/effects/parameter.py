@@ -47,7 +47,8 @@ class Searched:
 
     def __post_init__(self) -> None:
         if not self.low < self.high:
-            raise ValueError(f"Expected an interval with low < high, got [{self.low:g}, {self.high:g}]. Swap the ends.")
+            remedy = "Write the number alone" if self.low == self.high else "Swap the ends"
+            raise ValueError(f"Expected an interval with low < high, got [{self.low:g}, {self.high:g}]. {remedy}.")
         if self.logarithmic and self.low <= 0:
             raise ValueError(
                 f"Expected a positive low end for scale: log, got {self.low:g}. Raise it, or use the linear scale."

@@ -21,7 +21,7 @@ class SupportSpring(Effect):
         at: relative places [x, y], each 0 to 1.
 
     Raises:
-        ValueError: if both or neither of nodes and at are given.
+        ValueError: if both or neither of nodes and at are given, or a node is named twice.
     """
 
     nodes: Sequence[int] = ()
@@ -52,6 +52,11 @@ class SupportSpring(Effect):
             raise ValueError(
                 "Expected support_spring to have either `nodes` (labels) or `at` (relative places), "
                 f"got {'both' if self.nodes else 'neither'}. Give one of them."
+            )
+        if twice := sorted({node for node in self.nodes if list(self.nodes).count(node) > 1}):
+            raise ValueError(
+                f"Expected each node once, got {', '.join(map(str, twice))} more than once. Correct the labels; a "
+                "second spring at a node is a further support_spring."
             )
 
     def local(self, mesh: Mesh, value: Value) -> SupportTerms:

@@ -40,7 +40,7 @@ from torchplate.model.parameter_space import ParameterSpace
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.plate_variants import SINGLE_TOLERANCE
 from torchplate.model.reduced_basis import reduce, ritz_basis, sharing_modes
-from torchplate.model.usual_ranges import impossible, plate_mass, sizes, unusual
+from torchplate.model.usual_ranges import coarse, impossible, plate_mass, sizes, unusual
 
 __all__ = [
     "CLOSE",
@@ -61,6 +61,7 @@ __all__ = [
     "as_kind",
     "attach_",
     "basis_error",
+    "coarse",
     "estimated_error",
     "extrapolate",
     "impossible",

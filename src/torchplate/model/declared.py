@@ -46,7 +46,18 @@ def declared(effects: Mapping[str, Effect], known: Mapping[str, float], searched
             raise ValueError(f"Expected a value or an interval for '{key}' [{parameter.unit}], got none. Add it.")
         for end in ends:
             if end not in parameter.allowed:
-                raise ValueError(f"Expected '{key}' {parameter.allowed} [{parameter.unit}], got {end:g}. Correct it.")
+                raise ValueError(
+                    f"Expected '{key}' {parameter.allowed} [{parameter.unit}], got {end:g}. {_remedy(parameter, end)}"
+                )
     names = [key for key in everything if key in searched]
     space = ParameterSpace(names, [everything[key].unit for key in names], [searched[key] for key in names])
     return Declared(values, [everything[key] for key in names], space)
+
+
+def _remedy(parameter: Parameter, value: float) -> str:
+    """What to do with a value that cannot be."""
+    if (parameter.allowed.low, parameter.allowed.high) == (0.0, 1.0) and value > 1:
+        return "It is a share of the side: divide a place or length by the plate's length_x or length_y."
+    if parameter.unit == "-" and value > 1 and value / 100 in parameter.allowed:
+        return f"If it is in per cent, write {value / 100:g}."
+    return "Correct it."

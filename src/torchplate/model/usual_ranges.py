@@ -4,12 +4,14 @@ Possible ends are physics: no plate in a vibration test is longer than a street,
 foam or softer than the softest rubber. Between these and the usual ends a value is worth a word.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from torchplate.effects import Plate
+from torchplate.effects import EdgeSpring, GroundSpring, Plate, SupportSpring
 from torchplate.model.plate_model import PlateModel
+from torchplate.plate import ELEMENTS_PER_WAVELENGTH, bending_wavelength
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,10 @@ QUANTITIES = {
 BLOCK, THICK = 1.0, 0.1
 # Masses of plates that somebody hangs up and hits [kg].
 MASSES = (1e-5, 1e4)
+# Wires of 4 m let a plate swing at 0.25 Hz; longer ones hang in no laboratory.
+SLOWEST, GRAVITY = 0.25, 9.81
+# Elements along a bending wave below which natural frequencies are a tenth off and more; less is a diagnosis' to name.
+COARSE = 1.5
 
 
 class Remark(NamedTuple):
@@ -176,12 +182,56 @@ def _unusual(model: PlateModel) -> Iterator[Remark]:
                     f"{value} kg is more than the plate's own {mass} kg. If it is in grams, write "
                     f"{value.times(1e-3).as_written()}.",
                 )
-            if name.endswith("loss_factor") and parameter.unit == "-" and value.low > 0.5:
+            if name.endswith("loss_factor") and parameter.unit == "-" and (value.low > 0.5 or value.high > 1):
                 yield Remark(
                     f"effects.{label}.{name}",
                     f"{value} is unusual: loss factors of plates mostly lie below 0.5. If it is in per cent, write "
                     f"{value.times(0.01).as_written()}.",
                 )
+    yield from _swinging(model, mass)
+
+
+def coarse(model: PlateModel, top: float) -> tuple[str, ...]:
+    """What is to say of a mesh whose elements do not follow the waves at the top of the band.
+
+    Args:
+        model: as searched; its stiffest and lightest plate has the longest waves.
+        top: the last line [Hz].
+    """
+    if model.mesh.extrapolate or top <= 0:
+        return ()
+    found = {key.rpartition(".")[2]: span for key, (_, span) in sizes(model).items()}
+    wave = bending_wavelength(top, found["youngs_modulus"].high, 0.3, found["density"].low, found["thickness"].high)
+    cells, sides = model.mesh.cells, (model.mesh.length_x, model.mesh.length_y)
+    along = min(n * wave / side for n, side in zip(cells, sides, strict=True))
+    if along >= COARSE:
+        return ()
+    finer = math.ceil(model.mesh.refine * ELEMENTS_PER_WAVELENGTH / along)
+    return (
+        f"mesh: {cells[0]} × {cells[1]} elements have {along:.2g} along a bending wave at {top:g} Hz, and it takes "
+        f"{ELEMENTS_PER_WAVELENGTH:g} to follow one. Set mesh.refine: {finer}, which changes no node's number, or end "
+        "the band below.",
+    )
+
+
+def _swinging(model: PlateModel, mass: Span) -> Iterator[Remark]:
+    """Supports so soft that the plate swings slower on them than on the longest wires."""
+    springs = {label: one for label, one in model.effects.items() if isinstance(one, SupportSpring)}
+    if not springs or any(condition != "free" for condition in model.mesh.edges.values()):
+        return
+    ends = [model.values(end) for end in (model.space.low, model.space.high)]
+    total = sum(float(ends[1][label]["stiffness"]) * len([*one.nodes, *one.at]) for label, one in springs.items())
+    frequency = math.sqrt(total / mass.low) / (2 * math.pi)
+    if not 0 < frequency < SLOWEST or any(isinstance(one, GroundSpring | EdgeSpring) for one in model.effects.values()):
+        return
+    label = next(iter(springs))
+    span = Span(*(float(end[label]["stiffness"]) for end in ends))
+    yield Remark(
+        f"effects.{label}.stiffness",
+        f"On {span} N/m the plate of {mass} kg swings at {frequency:.2g} Hz at most, as on wires "
+        f"{GRAVITY / (2 * math.pi * frequency) ** 2:.0f} m long. If it is in N/mm, write "
+        f"{span.times(1e3).as_written()}; of a free plate leave the supports out.",
+    )
 
 
 def _remedy(quantity: Quantity, span: Span) -> str:

@@ -91,7 +91,8 @@ def frf_figure(drawn: Drawn, pairs: Sequence[Pair], narrow: bool = False) -> Fig
         dress(axis)
     figure.supylabel(AMPLITUDE[measured.kind], fontsize=8.5 if narrow else 9)
     axes[-1].set_xlabel("frequency [Hz]", fontsize=8.5 if narrow else 10)
-    axes[-1].set_xlim(line[0], line[-1])
+    if len(line) > 1:
+        axes[-1].set_xlim(line[0], line[-1])
     handles, labels = axes[0].get_legend_handles_labels()
     key: dict[str, Any] = {"loc": "outside upper right", "ncol": len(labels)}
     if narrow:

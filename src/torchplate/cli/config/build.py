@@ -12,7 +12,7 @@ from torchplate.cli.config.searches import foreign, optimizer_of
 from torchplate.cli.schema import StateConfig, unknown_key, validated, validated_states
 from torchplate.discrepancy import OBJECTIVES, Evidence, ModalEvidence, Objective
 from torchplate.measurement import NaturalFrequencies, disagreements
-from torchplate.model import PlateModel, Point, extrapolate, impossible, unusual
+from torchplate.model import PlateModel, Point, coarse, extrapolate, impossible, unusual
 from torchplate.nearest import did_you_mean
 from torchplate.search import LeastSquares, Optimizer
 
@@ -129,7 +129,8 @@ class Run(Measured):
         found = [f"{key}: {sentence}" for key, sentence in unusual(model)]
         frfs, table = self.measurement(), settings.natural_frequencies
         if frfs is not None:
-            found = [self.placement(frfs).remark, *frfs.notes, *found]
+            top = float(frfs.frequency.max())
+            found = [self.placement(frfs).remark, *frfs.notes, *self.band_remarks(), *coarse(model, top), *found]
         if (modal := self.modal_evidence(model)) is not None:
             found = [modal.remark, *modal.modal.notes, *found]
         if frfs is not None or table is not None:

@@ -60,8 +60,7 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, An
     except (yaml.YAMLError, RecursionError, OverflowError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        problem = " ".join(str(error).split())
-        raise InputError(f"{path}: Expected YAML, got a file that is not ({problem}). Correct it there.") from None
+        raise InputError(f"{path}: {_no_yaml(error)}") from None
     if twice is not None:
         key, *lines = twice
         raise InputError(
@@ -75,6 +74,18 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, An
     for override in overrides:
         _override(raw, override)
     return raw, checked(path, raw)
+
+
+def _no_yaml(error: Exception) -> str:
+    """What is wrong with a text that is no YAML, and what to do."""
+    if isinstance(error, UnicodeDecodeError):
+        wide = error.object[:2] in (b"\xff\xfe", b"\xfe\xff")
+        return f"Expected YAML in UTF-8, got {'UTF-16' if wide else 'another encoding'}. Save it as UTF-8."
+    mark = getattr(error, "problem_mark", None)
+    if mark is not None and "'\\t'" in str(getattr(error, "problem", "")):
+        return f"Expected YAML, which is indented with blanks, got a tab in line {mark.line + 1}. Write blanks there."
+    problem = " ".join(str(error).replace(' in "<unicode string>"', "").split())
+    return f"Expected YAML, got a file that is not ({problem}). Correct it there."
 
 
 def _size(node: yaml.Node | None, depth: int = 0) -> int:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 import os
 
 from torchplate.cli.config.recipe import Recipe
@@ -21,6 +22,9 @@ from torchplate.measurement import (
     with_nodes,
 )
 
+FEW, BEYOND = 10, 1.5
+"""Lines below which a band has few, and its end over the file's last line from where it is not of this file."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Measured(Recipe):
@@ -38,6 +42,16 @@ class Measured(Recipe):
 
     @functools.cached_property
     def _frfs(self) -> Measurement | None:
+        band, frfs = self.config.measurement.band, self._whole
+        if frfs is None:
+            return None
+        if band is not None:
+            frfs = self.told("measurement.band", lambda: frfs.band(*band))
+        return self.told("measurement.file", frfs.without_zeros)
+
+    @functools.cached_property
+    def _whole(self) -> Measurement | None:
+        """The same with all lines of the file."""
         settings = self.config.measurement
         if settings.file is None:
             return None
@@ -58,10 +72,26 @@ class Measured(Recipe):
             frfs = self.told("measurement.nodes", lambda: with_nodes(frfs, read_nodes(table), str(table)))
         if settings.frame is not None:
             frfs = in_frame(frfs, frame)
-        if settings.band is not None:
-            band = settings.band
-            frfs = self.told("measurement.band", lambda: frfs.band(*band))
-        return self.told("measurement.file", frfs.without_zeros)
+        return frfs
+
+    def band_remarks(self) -> tuple[str, ...]:
+        """What the band looks like, where it holds few lines of the file or ends far beyond it."""
+        band, whole, frfs = self.config.measurement.band, self._whole, self.measurement()
+        if band is None or whole is None or frfs is None:
+            return ()
+        first, last = float(whole.frequency[0]), float(whole.frequency[-1])
+        span, given = f"the file's {first:g} to {last:g} Hz", f"measurement.band: {band[0]:g} to {band[1]:g} Hz"
+        n_line = len(frfs.frequency)
+        if n_line < FEW:
+            wide = [1e3 * end for end in band]
+            hint = f" If it is in kHz, write {_pair(*wide)}." if first <= wide[0] and wide[1] <= 1.05 * last else ""
+            lines = f"{n_line} line{'s' if n_line > 1 else ''}"
+            return (f"{given} holds {lines} of {span}, too few to see a resonance.{hint or ' Widen it.'}",)
+        if band[1] > BEYOND * last:
+            slow = [end / (2 * math.pi) for end in band]
+            hint = f" If it is in rad/s, write {_pair(*slow)}." if slow[1] <= 1.05 * last else ""
+            return (f"{given} ends beyond {span}, whose last line counts as its end.{hint}",)
+        return ()
 
     def placement(self, frfs: Measurement) -> Placement:
         """Where the measurement's responses and references sit on the plate."""
@@ -107,3 +137,7 @@ def _moved(channel: Channel, frame: Frame) -> Channel:
     if channel.coordinate is None:
         return channel
     return dataclasses.replace(channel, coordinate=frame.on_plate(channel.coordinate))
+
+
+def _pair(low: float, high: float) -> str:
+    return f"[{low:.3g}, {high:.3g}]"

@@ -1,7 +1,7 @@
 """What is wrong with a config, in one sentence: what was expected, what came, what to do, and where it is explained."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -12,6 +12,10 @@ from torchplate.nearest import did_you_mean
 # Titles of the pages of the documentation that are made from the models below and from the catalogue.
 KEY_PAGE: Final = "Configuration"
 EFFECT_PAGE: Final = "Effects"
+# Kinds of values in the words of a user, by what pydantic calls it where another one came.
+SHAPES: Final = dict.fromkeys(("tuple_type", "list_type", "sequence_str", "too_short", "too_long"), "a list") | (
+    dict.fromkeys(("dict_type", "mapping_type", "model_type", "model_attributes_type"), "keys with values")
+)
 
 
 class ConfigError(ValueError):
@@ -36,13 +40,21 @@ def first_complaint(error: ValidationError, root: type[BaseModel] | None = None,
         section: of the reference that explains this part.
     """
     first = error.errors()[0]
-    where = [str(part) for part in first["loc"]]
+    places, kind, given = list(first["loc"]), first["type"], first.get("input")
+    if kind == "missing" and places and isinstance(places[-1], int):
+        # A list that is too short: what is wrong is the list, not the value that it lacks.
+        kind = "tuple_type"
+        places.pop()
+    where = [str(part) for part in places]
     key = ".".join(where) or "config"
-    given = first.get("input")
-    if first["type"] == "extra_forbidden":
+    if kind == "extra_forbidden":
         return key, unknown_key(where[-1], *_keys_at(root, section, where[:-1]))
-    if first["type"] == "missing":
+    if kind == "missing":
         return key, "Expected a value, got none. Add it."
+    if kind in SHAPES:
+        example = _example(root, where)
+        remedy = f"Write {where[-1]}: {example}, say" if example else "Correct it"
+        return key, f"Expected {SHAPES[kind]}, got {given!r}. {remedy}."
     message = str(first["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message.removeprefix("Input should be ").replace("an instance of Sequence", "a list")
     if message.startswith(("Expected", "No ")):
@@ -79,6 +91,29 @@ def _keys_at(root: type[BaseModel] | None, section: str, where: Sequence[str]) -
         part = model_in(part.model_fields[name].annotation)
         section = "numbers" if part is Known else f"{section}.{name}".strip(".")
     return list(part.model_fields) if part is not None else [], section
+
+
+def _example(root: type[BaseModel] | None, where: Sequence[str]) -> str:
+    """What could stand at a place of a part of a config, as YAML has it; empty where the reference has none."""
+    part, field = root, None
+    for name in where:
+        field = None if part is None else part.model_fields.get(name)
+        part = None if field is None else model_in(field.annotation)
+    if field is None:
+        return ""
+    if field.examples:
+        return _as_yaml(field.examples[0])
+    first = next(iter(part.model_fields.items()), None) if part is not None else None
+    return f"{{{first[0]}: {_as_yaml((first[1].examples or [''])[0])}}}" if first is not None else ""
+
+
+def _as_yaml(value: Any) -> str:
+    """A value on one line, without the quotes that YAML does not need."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{name}: {_as_yaml(inner)}" for name, inner in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_as_yaml(inner) for inner in value) + "]"
+    return str(value)
 
 
 def model_in(annotation: Any) -> type[BaseModel] | None:
