@@ -1,0 +1,28 @@
+"""The house keeps to its seconds, and one that takes longer is told by the exit status."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+_SPEC = importlib.util.spec_from_file_location("torchplate_house", Path(__file__).with_name("house.py"))
+house = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(house)
+
+
+def test_seconds_of_the_processor_are_counted_and_those_of_waiting_are_not():
+    assert house.seconds(["-c", "import time; time.sleep(1.5)"]) < 1.0
+    busy = "import time\nwhile time.process_time() < 1.2: pass"
+    assert 1.1 < house.seconds(["-c", busy]) < 3.0
+
+
+@pytest.mark.parametrize(("allowed", "status"), [(20.0, 0), (0.0, 1), (None, 0)])
+def test_what_takes_longer_than_it_may_ends_with_1(monkeypatch, capsys, allowed, status):
+    monkeypatch.setattr(house, "HOUSE", {"nothing": (["-c", "pass"], allowed)})
+    assert house.main(["--times", "1"]) == status
+    assert capsys.readouterr().out.startswith("`nothing` 0.")
+
+
+@pytest.mark.check
+def test_the_package_is_imported_and_its_help_is_said_in_the_seconds_allowed():
+    assert house.main(["--times", "3"]) == 0
