@@ -42,11 +42,10 @@ class Measured(Recipe):
 
     @functools.cached_property
     def _frfs(self) -> Measurement | None:
-        band, frfs = self.config.measurement.band, self._whole
-        if frfs is None:
+        band, whole = self.config.measurement.band, self._whole
+        if whole is None:
             return None
-        if band is not None:
-            frfs = self.told("measurement.band", lambda: frfs.band(*band))
+        frfs = whole if band is None else self.told("measurement.band", lambda: whole.band(*band))
         return self.told("measurement.file", frfs.without_zeros)
 
     @functools.cached_property
