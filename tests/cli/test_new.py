@@ -240,6 +240,25 @@ def test_what_cannot_be_is_refused_in_one_sentence(options, words, roved, tmp_pa
     assert not (tmp_path / "test.yaml").exists()
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        # Sides that come from the points are no excuse.
+        (("--thickness", "3", "--material", "aluminium"), ["--thickness", "0.42 × 0.3 m", "--thickness 0.003"]),
+        (("--thickness", "0.003", "--mass", "1020"), ["--mass", "kg/m³", "--mass 1.02"]),
+        ((*PLATE, "--unit", "mm"), ["--unit", "0.00042 × 0.0003 m", "Leave it out"]),
+    ],
+)
+def test_what_cannot_be_beside_the_points_is_refused_by_the_option_s_name(options, words, roved, tmp_path, command):
+    file = written(roved, tmp_path / "test.uff", lambda p: p)
+    status, _, error = command("new", file, *options, "--out", tmp_path / "plate.yaml")
+    assert status == 2
+    assert error.count("\n") == 1
+    assert all(word in error for word in words), error
+    # A second try finds its place empty.
+    assert not (tmp_path / "plate.yaml").exists()
+
+
 def test_a_config_that_exists_is_not_overwritten(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", lambda p: p)
     (tmp_path / "plate.yaml").write_text("mine")

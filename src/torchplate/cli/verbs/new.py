@@ -9,7 +9,7 @@ from rich.console import Console
 from torchplate.cli.config import InputError
 from torchplate.cli.config.build import load_run
 from torchplate.cli.folder.writing import write_text
-from torchplate.cli.verbs.new_draft import Draft, Wishes, drafted
+from torchplate.cli.verbs.new_draft import Draft, Wishes, check_sizes, drafted
 from torchplate.cli.verbs.new_text import compose
 from torchplate.measurement import METRES
 
@@ -59,11 +59,8 @@ def _check(wishes: Wishes) -> None:
             f"--length: Expected sides in m, got {wishes.length[0]:g} and {wishes.length[1]:g}, which look like mm. "
             f"Write --length {wishes.length[0] / 1e3:g} {wishes.length[1] / 1e3:g}."
         )
-    if wishes.length is not None and wishes.thickness is not None and wishes.thickness > 0.2 * min(wishes.length):
-        raise InputError(
-            f"--thickness: Expected less than a fifth of the shorter side, in m, got {wishes.thickness:g}. For mm "
-            f"write --thickness {wishes.thickness / 1e3:g}."
-        )
+    if wishes.length is not None:
+        check_sizes(wishes, *wishes.length)
     if wishes.unit is not None and wishes.unit not in METRES:
         raise InputError(f"--unit: Expected one of {', '.join(METRES)}, got '{wishes.unit}'. Name one of these.")
 

@@ -40,6 +40,8 @@ LEAST_COHERENCE = 0.8
 SAME_LEVEL = 1.3
 """A level off by more than this factor is not taken in the file's unit [-]. A plate of the right mass comes within it;
 a gain that is left open costs little, and one that is wrong, or of the wrong sign, costs the answer."""
+LEAST_SIDE, HEAVIEST = 5e-3, 3e4
+"""Sides [m] of the smallest plates that are tested, and a density [kg/m³] that no metal has: osmium's is 22 590."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,7 @@ def drafted(file: Path, wishes: Wishes) -> Draft:
         except KeyError as error:
             raise InputError(f"--material: {error.args[0]}") from None
     measurement, proposal = _placed(file, wishes)
+    check_sizes(wishes, proposal.length_x, proposal.length_y)
     edges = _edges(wishes, measurement)
     guess = heard(measurement, proposal, edges, named, wishes.thickness, wishes.mass)
     area = proposal.length_x * proposal.length_y
@@ -155,6 +158,34 @@ def drafted(file: Path, wishes: Wishes) -> Draft:
     )
     draft = replace(draft, supports=_supports(draft))
     return _with_level(_meshed(draft))
+
+
+def check_sizes(wishes: Wishes, length_x: float, length_y: float) -> None:
+    """Whether thickness and mass can be those of a plate of these sides [m].
+
+    Raises:
+        InputError: if they cannot.
+    """
+    sides = f"{length_x:g} × {length_y:g} m"
+    if wishes.unit is not None and wishes.length is None and max(length_x, length_y) < LEAST_SIDE:
+        raise InputError(
+            f"--unit: Expected the unit of the file's coordinates, got {wishes.unit}, in which the plate has {sides}. "
+            "Leave it out, or name the right one."
+        )
+    if wishes.thickness is None:
+        return
+    if wishes.thickness > 0.2 * min(length_x, length_y):
+        raise InputError(
+            f"--thickness: Expected less than a fifth of the shorter side of {sides}, in m, got {wishes.thickness:g}. "
+            f"For mm write --thickness {wishes.thickness / 1e3:g}."
+        )
+    mass = wishes.mass or 0.0
+    density = mass / (length_x * length_y * wishes.thickness)
+    if density > HEAVIEST:
+        raise InputError(
+            f"--mass: Expected the mass of a plate of {sides} in kg, got {mass:g}, a density of {density:.3g} "
+            f"kg/m³. For g write --mass {mass / 1e3:g}, or correct --thickness."
+        )
 
 
 def _placed(file: Path, wishes: Wishes) -> tuple[Measurement, Proposal]:
