@@ -504,7 +504,7 @@ def test_what_shows_in_the_noise_has_to_show_on_a_finer_mesh_before_anything_is_
         looked.append("here" if says is None else "finer")
         return [promise._replace(drop=(9.0 if says is None else promised) / state.fit.square)], 7.0
 
-    for module in (forward, ranking):
+    for module in (ranking, settling):
         monkeypatch.setattr(module, "is_noise", lambda _: little)
     monkeypatch.setattr(Ranking, "_nearby", nearby)
     refitted = []
