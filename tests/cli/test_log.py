@@ -7,8 +7,24 @@ from io import StringIO
 import numpy as np
 import pytest
 from rich.console import Console
+from tensorboard.backend.event_processing.data_provider import MultiplexerDataProvider
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.backend.event_processing.plugin_event_multiplexer import EventMultiplexer
+from tensorboard.context import RequestContext
+from tensorboard.plugins.base_plugin import TBContext
 from tensorboard.plugins.custom_scalar.layout_pb2 import Layout
+from tensorboard.plugins.hparams import get_experiment, list_session_groups
+from tensorboard.plugins.hparams.api_pb2 import (
+    DATA_TYPE_BOOL,
+    DATA_TYPE_FLOAT64,
+    DATA_TYPE_STRING,
+    STATUS_RUNNING,
+    STATUS_SUCCESS,
+    STATUS_UNKNOWN,
+    GetExperimentRequest,
+    ListSessionGroupsRequest,
+)
+from tensorboard.plugins.hparams.backend_context import Context
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
 from torchplate.cli.config.searches import SEARCHES
@@ -16,6 +32,8 @@ from torchplate.cli.progress.heartbeat import Heartbeat
 from torchplate.cli.progress.layout import problem_named
 
 ONE = ["plate.youngs_modulus"]
+# How a value of each type of column is written.
+STATED = {DATA_TYPE_BOOL: "bool_value", DATA_TYPE_FLOAT64: "number_value", DATA_TYPE_STRING: "string_value"}
 
 
 def events(folder) -> EventAccumulator:
@@ -57,6 +75,31 @@ def test_every_run_names_the_settings_of_every_search_and_fills_in_its_own(searc
     assert own["de"]["crossover_rate"] == 0.9
     assert "differential_weight" not in own["abc"]
     assert own["abc"]["n_member"] == 6
+
+
+def test_the_page_of_tensorboard_has_a_row_for_each_search_and_only_its_own_settings_in_it(searched):
+    """As TensorBoard's own plugin reads the folder above an ABC and a DE run."""
+    root = searched["de"].parent
+    multiplexer = EventMultiplexer()
+    for name, folder in searched.items():
+        multiplexer.AddRun(str(folder), name)
+    multiplexer.Reload()
+    context = Context(TBContext(multiplexer=multiplexer, data_provider=MultiplexerDataProvider(multiplexer, str(root))))
+    experiment = get_experiment.Handler(RequestContext(), context, "", GetExperimentRequest()).run()
+    request = ListSessionGroupsRequest(
+        allowed_statuses=[STATUS_SUCCESS, STATUS_RUNNING, STATUS_UNKNOWN], start_index=0, slice_size=10
+    )
+    groups = list_session_groups.Handler(RequestContext(), context, "", request).run().session_groups
+    kinds = {info.name: info.type for info in experiment.hparam_infos}
+    rows = {group.hparams["optimizer"].string_value: group.hparams for group in groups}
+    assert set(rows) == {"differential_evolution", "artificial_bee_colony"}
+    for name, row in rows.items():
+        # What another search takes stays empty: at its default it would say what nobody used.
+        own = {"problem", "optimizer", "seed", "n_repeat", *vars(SEARCHES[name]())}
+        assert set(row) == own
+        for key, value in row.items():
+            assert STATED[kinds[key]] == value.WhichOneof("kind"), key
+    assert {info.name.tag for info in experiment.metric_infos} == {"search/best_objective", "gap/baseline"}
 
 
 def metrics(folder) -> set[str]:

@@ -7,7 +7,7 @@ import pytest
 import pyuff
 import torch
 
-from torchplate.measurement import Channel, MeasurementError, ModalModel, read_modal_model, write_modal_model
+from torchplate.measurement import Channel, MeasurementError, ModalModel, describe, read_modal_model, write_modal_model
 
 PLACES = ((0.0, 0.0, 0.0), (0.21, 0.0, 0.0), (0.21, 0.17, 0.0), (0.05, 0.17, 0.0))
 REAL = torch.tensor([[1.0, -0.7, 0.9, -0.8], [0.3, 1.1, -0.2, -1.2]], dtype=torch.float64)
@@ -100,6 +100,35 @@ def test_a_dataset_2414_is_read(tmp_path, data_type):
     assert [one.node for one in found.point] == [3, 8, 17, 40]
     assert found.shape.real[0].tolist() == pytest.approx(REAL[0, [0, 2, 1, 3]].tolist())
     assert found.is_complex == (data_type == 5)
+
+
+@pytest.mark.parametrize("pole", [(-0.8032, 259.1), (0.0, 0.0)], ids=["by its eigenvalue", "by its frequency alone"])
+def test_a_complex_mode_of_a_dataset_2414_is_read_and_described(pole, tmp_path):
+    lines = ["    -1", "  2414", f"{1:10d}", "mode", f"{1:10d}", *["NONE"] * 5]
+    lines += ["".join(f"{x:10d}" for x in (1, 3, 2, 8, 5, 3)), f"{0:10d}" * 8, f"{0:10d}" * 2]
+    lines += ["".join(f"{x:13.5E}" for x in (0, 41.237, 0, 1, 0.0031, 0))]
+    lines += ["".join(f"{x:13.5E}" for x in (*pole, 0, 0, 0, 0))]
+    for node, value in ((3, 1.0), (17, -0.5), (8, 0.25)):
+        lines += [f"{node:10d}", "".join(f"{x:13.5E}" for x in (0, 0, 0, 0, value, 0.1))]
+    path = tmp_path / "modes.unv"
+    path.write_text("\n".join([*lines, "    -1", ""]))
+    found = read_modal_model(path)
+    assert found.frequency.tolist() == pytest.approx([41.237], rel=1e-4)
+    assert found.damping_ratio.tolist() == pytest.approx([0.0031], rel=1e-3)
+    assert found.is_complex
+    (part,) = (one for one in describe(path).parts if "2414" in one.what)
+    assert "41.237 Hz (0.31 %)" in part.detail
+    assert "modal_model" in part.use
+
+
+def test_a_file_of_rigid_body_modes_alone_is_refused(tmp_path):
+    write_modal_model(made(), tmp_path / "modes.uff")
+    text = (tmp_path / "modes.uff").read_text()
+    for hertz in made().frequency.tolist():
+        text = text.replace(f"{hertz:13.5E}", f"{0.0:13.5E}")
+    (tmp_path / "modes.uff").write_text(text)
+    with pytest.raises(MeasurementError, match="expected modes with a natural frequency, got 2 at 0 Hz"):
+        read_modal_model(tmp_path / "modes.uff")
 
 
 def test_a_file_of_another_maker_is_read(real_file):

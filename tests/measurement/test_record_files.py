@@ -54,16 +54,32 @@ def german(path: Path) -> Path:
     return path.with_suffix(".txt")
 
 
-def lvm(path: Path) -> Path:
+def lvm(path: Path, x_columns: str = "No") -> Path:
+    """As LabVIEW writes it: without times, with one column of them, or with one before each channel."""
     pytest.importorskip("lvm_read", reason="lvm-read is an extra")
+    each = x_columns == "Multi"
+    told = {
+        "Channels": ["3", "", ""],
+        "Samples": ["1024"] * 3,
+        "Y_Unit_Label": ["N", "m/s^2", "m/s^2"],
+        "X_Dimension": ["Time"] * 3,
+        "X0": ["0"] * 3,
+        "Delta_X": [f"{STEP}"] * 3,
+    }
+    blank = "\t" if each else ""
+    lines = ["\t".join([key, *(f"{cell}{blank}" for cell in cells), ""]) for key, cells in told.items()]
+    names = ["X_Value", "Force", *(["X_Value"] if each else []), "A1", *(["X_Value"] if each else []), "A2"]
     head = (
         "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\n"
-        "Multi_Headings\tNo\nX_Columns\tNo\nTime_Pref\tRelative\n***End_of_Header***\t\n\t\n"
-        f"Channels\t3\t\t\t\nSamples\t1024\t1024\t1024\t\nX_Dimension\tTime\tTime\tTime\t\n"
-        f"X0\t0\t0\t0\t\nDelta_X\t{STEP}\t{STEP}\t{STEP}\t\n***End_of_Header***\t\t\t\t\n"
-        "X_Value\tForce\tA1\tA2\tComment\n"
+        f"Multi_Headings\tNo\nX_Columns\t{x_columns}\nTime_Pref\tRelative\n***End_of_Header***\t\n\t\n"
+        + "\n".join([*lines, "***End_of_Header***\t\t\t\t", "\t".join([*names, "Comment"])])
+        + "\n"
     )
-    rows = ["\t" + "\t".join(f"{x:.12g}" for x in row) + "\t" for row in CHANNELS.T]
+    rows = []
+    for turn, row in enumerate(CHANNELS.T):
+        time = "" if x_columns == "No" else f"{turn * STEP:.6f}"
+        cells = [cell for x in row for cell in (time, f"{x:.12g}")]
+        rows.append("\t".join(cells if each else [time, *cells[1::2], *([""] if x_columns == "No" else [])]))
     path.with_suffix(".lvm").write_text(head + "\n".join(rows) + "\n")
     return path.with_suffix(".lvm")
 
@@ -78,6 +94,15 @@ def test_every_format_gives_the_same_records(write: Callable[[Path], Path], tmp_
     np.testing.assert_allclose(found.force, CHANNELS[0], atol=1e-7 * FULL.max())
     np.testing.assert_allclose(found.response, CHANNELS[1:], atol=1e-7 * FULL.max())
     assert (found.reference, found.responses) == (12, (7, 2))
+
+
+@pytest.mark.parametrize("x_columns", ["One", "Multi"])
+def test_times_that_labview_has_written_are_no_channel(x_columns, tmp_path):
+    """The largest of all columns, and the only one that rises: they were taken for the force."""
+    (found,) = read_recordings(lvm(tmp_path / "hit", x_columns), Layout(responses=(7, 2), reference=12))
+    assert found.has_unit
+    np.testing.assert_allclose(found.force, CHANNELS[0], atol=1e-7 * FULL.max())
+    np.testing.assert_allclose(found.response, CHANNELS[1:], atol=1e-7 * FULL.max())
 
 
 def test_several_hits_of_an_archive_come_apart(tmp_path):

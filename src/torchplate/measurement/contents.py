@@ -14,6 +14,7 @@ import numpy as np
 
 from torchplate.measurement.level import FORCE, MOTION, kind_of, likely_kind
 from torchplate.measurement.measurement import KINDS, MeasurementError
+from torchplate.measurement.modal_uff import COMPLEX, NORMAL, pole_of
 from torchplate.measurement.parsing import reads
 from torchplate.measurement.uff_file import UffFile, open_uff
 from torchplate.notation import percent
@@ -269,13 +270,9 @@ def _shapes(held: Held) -> Part:
         analysis = int(one.get("analysis_type", 0))
         kinds[ANALYSIS.get(analysis, "unknown")] += 1
         nodes |= {int(n) for n in np.atleast_1d(np.asarray(one.get("node_nums", []), dtype=float))}
-        if analysis == 2:
-            # pyuff gives the fields of a dataset 2414 no names but in one analysis type.
-            frequency = float(one["freq"] if held.kind == 55 else one["record12_field2"])
-            modes.append((frequency, float(one.get("modal_damp_vis", one.get("record12_field5", 0.0)))))
-        elif analysis in (3, 7) and "eig" in one:
-            pole = complex(one["eig"])
-            modes.append((abs(pole) / (2 * np.pi), -pole.real / max(abs(pole), 1e-300)))
+        if analysis in (NORMAL, *COMPLEX):
+            pole = pole_of(one, held.kind, analysis)
+            modes += [pole] if pole[0] > 0 else []
     what = ", ".join(f"{n} of a {name}" for name, n in kinds.items())
     detail = f"data at {len(nodes)} nodes: {what}"
     if not modes:

@@ -75,6 +75,11 @@ def read_modal_uff(path: Path, normal: int = 3) -> ModalModel:
     bending = [mode for mode in modes if mode.frequency > RIGID * top]
     if n_rigid := len(modes) - len(bending):
         notes.append(f"Left out {n_rigid} mode{'s' * (n_rigid > 1)} at 0 Hz: rigid-body modes.")
+    if not bending:
+        raise MeasurementError(
+            f"{path}: expected modes with a natural frequency, got {n_rigid} at 0 Hz. Export them with their "
+            "frequencies or eigenvalues."
+        )
     nodes = _common(bending, notes)
     shape = np.array([[mode.shape[node] for node in nodes] for mode in bending]).reshape(len(bending), len(nodes))
     is_complex = any(mode.is_complex for mode in bending)
@@ -94,7 +99,7 @@ def _mode(file: UffFile, index: int, kind: int, out: _Out, path: Path) -> _Mode 
     analysis = int(one.get("analysis_type", 0))
     if analysis not in (NORMAL, *COMPLEX) or "node_nums" not in one:
         return None
-    frequency, damping = _pole(one, kind, analysis)
+    frequency, damping = pole_of(one, kind, analysis)
     if not np.isfinite(frequency):
         return None
     nodes = np.atleast_1d(np.asarray(one["node_nums"], dtype=float)).astype(int).tolist()
@@ -113,7 +118,7 @@ def _mode(file: UffFile, index: int, kind: int, out: _Out, path: Path) -> _Mode 
     return _Mode(frequency, damping, dict(zip(nodes, values.tolist(), strict=True)), bool(np.iscomplexobj(values)))
 
 
-def _pole(one: Mapping[str, Any], kind: int, analysis: int) -> tuple[float, float]:
+def pole_of(one: Mapping[str, Any], kind: int, analysis: int) -> tuple[float, float]:
     """Frequency [Hz] and damping ratio, NaN where the file has 0 for it."""
     if analysis == NORMAL and kind == 55:
         frequency, viscous, hysteretic = (float(one[k]) for k in ("freq", "modal_damp_vis", "modal_damp_his"))
@@ -124,6 +129,9 @@ def _pole(one: Mapping[str, Any], kind: int, analysis: int) -> tuple[float, floa
         pole = complex(one["eig"]) if kind == 55 else complex(*parts)
         frequency, hysteretic = abs(pole) / (2 * np.pi), 0.0
         viscous = -pole.real / abs(pole) if abs(pole) > 0 else 0.0
+        if pole == 0 and kind != 55:
+            # Some programs leave the eigenvalue out and give the frequency where that of a normal mode stands.
+            frequency, viscous = (float(one.get(f"record12_field{k}", 0.0)) for k in (2, 5))
     # A loss factor η damps a mode at its resonance as the ratio η/2 does.
     damping = viscous if viscous > 0 else hysteretic / 2
     return frequency, damping if damping > 0 else float("nan")

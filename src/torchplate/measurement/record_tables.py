@@ -215,20 +215,28 @@ def _from_lvm(path: Path) -> RecordTable:
         ) from None
     content = lvm_read.read(str(path), read_from_pickle=False, dump_file=False)
     segments = [content[i] for i in range(content["Segments"])]
-    rate = 1 / float(segments[0]["Delta_X"][0])
+    steps = [float(step) for step in segments[0]["Delta_X"]]
+    rate = 1 / next(step for step in steps if np.isfinite(step))
     columns = [np.asarray(segment["data"], dtype=float) for segment in segments]
-    names = [str(name) for name in segments[0].get("Channel names", [])]
-    if names and names[0].lower().startswith("x"):
-        names = names[1:]
-        wide = columns[0].shape[1] == len(names) + 1
-        columns = [c[:, 1:] for c in columns] if wide else columns
+    heads = [str(name) for name in segments[0].get("Channel names", [])]
+    heads += [f"channel {i + 1}" for i in range(len(heads), columns[0].shape[1])]
+    # LabVIEW writes times in no column, in the first one, or in one before each channel; text stands in the last.
+    seen = [i for i in range(columns[0].shape[1]) if heads[i] not in ("X_Value", "Comment")]
+    n_channel = int(segments[0].get("Channels", len(seen)))
+    if len(seen) < n_channel:
+        raise MeasurementError(
+            f"{path}: expected {n_channel} channels, as its head says, got {len(seen)}. Write it with one column of "
+            "times, or with none."
+        )
     least = min(len(c) for c in columns)
     stack = np.stack([c[:least].T for c in columns])
-    kept = [i for i in range(stack.shape[1]) if np.isfinite(stack[:, i]).all()]
-    named = [names[i] if i < len(names) else f"channel {i + 1}" for i in kept]
     stated = [str(unit) for unit in segments[0].get("Y_Unit_Label", [])]
-    units = [stated[i] if i < len(stated) else unit_in(name) for i, name in zip(kept, named, strict=True)]
-    return RecordTable(rate, tuple(named), stack[:, kept], tuple(units))
+    if len(stated) > len(seen):
+        stated = [unit for unit in stated if unit]
+    told = dict(zip(seen, stated, strict=False))
+    kept = [i for i in seen if np.isfinite(stack[:, i]).all()]
+    units = tuple(told.get(i) or unit_in(heads[i]) for i in kept)
+    return RecordTable(rate, tuple(heads[i] for i in kept), stack[:, kept], units)
 
 
 READERS: Final[dict[str, Callable[[Path], RecordTable]]] = {

@@ -117,7 +117,11 @@ def _records(recordings: list[Recording], path: Path) -> Table:
         "holds",
         f"{n} recording{'s' if n > 1 else ''} of {length} samples, {first.rate:g} Hz, {length / first.rate:.4g} s",
     )
-    table.add_row("channels", f"a force up to {np.abs(first.force).max():.4g} and {len(first.response)} responses")
+    n_response = len(first.response)
+    responses = f"{n_response} response{'s' if n_response > 1 else ''}"
+    table.add_row("channels", f"a force up to {np.abs(first.force).max():.4g} and {responses}")
+    for note in first.notes:
+        table.add_row("note", escape(note))
     name = shlex.quote(path.name)
     what = f"FRFs from hits: torchplate frf {name} --response NODE ... --out FRFS.uff"
     table.add_row("what torchplate does", escape(what))
