@@ -42,3 +42,10 @@ def test_a_line_takes_the_place_of_what_was_measured_of_the_same_work_and_others
     now = between(page, ENDS).splitlines()
     assert now[:-2] == rows[:-2]
     assert now[-2:] == ["| 20 sheets: bent | 2 | 0.50 | x: kept | def |", "| two | 3 | 0.25 | y: **not kept** | abc |"]
+
+
+def test_a_part_that_is_killed_says_by_what(monkeypatch):
+    killed = argparse.Namespace(returncode=-9, stderr="scoring 60 candidates\n", stdout="")
+    monkeypatch.setattr(load.subprocess, "run", lambda *_, **__: killed)
+    with pytest.raises(RuntimeError, match=r"'frfs' to end with 0, got -9:\nscoring 60 candidates"):
+        load.measured("frfs", FEW)

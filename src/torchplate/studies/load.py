@@ -170,7 +170,7 @@ def diagnosis_of_every_frf() -> Line:
     )
     model = PlateModel(grid, _effects(), KNOWN, SEARCHED, [3], nodes, "accelerance")
     before, began = peak_memory(), time.process_time()
-    found = diagnose(model, measurement)
+    found = diagnose(model, measurement, say=lambda told: print(told, file=sys.stderr, flush=True))
     names = [one.name for one in found.effects if one.name != "mesh_discretisation"]
     line = _budgeted(f"diagnosis of {EVERY_NODE} FRFs × {len(lines)} lines", model, frf, before, began)
     return line._replace(what=f"{line.what}: {found.verdict}, {', '.join(names) or 'no name'}")
@@ -228,7 +228,7 @@ def measured(name: str, told: argparse.Namespace) -> Line:
     words = ["--part", name, "--runs", str(told.runs), "--evaluations", str(told.evaluations)]
     done = subprocess.run([sys.executable, "-m", __spec__.name, *words], capture_output=True, text=True, check=False)
     if done.returncode:
-        raise RuntimeError(f"Expected the part '{name}' to end, got:\n{done.stderr}")
+        raise RuntimeError(f"Expected the part '{name}' to end with 0, got {done.returncode}:\n{done.stderr}")
     return Line(**json.loads(done.stdout.splitlines()[-1]))
 
 
