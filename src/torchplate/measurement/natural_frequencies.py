@@ -41,7 +41,7 @@ class NaturalFrequencies:
     std: Float[Tensor, " n_mode"] | None = None
 
     def __post_init__(self) -> None:
-        where = "Expected"
+        where = "Expected in natural_frequencies"
         example = "Write it as {1: 4.5, 6: 70.5}: mode number (from 1, rigid-body modes included): Hz."
         modes, values = self.mode.tolist(), self.frequency.tolist()
         if len(modes) != len(values) or not modes:
