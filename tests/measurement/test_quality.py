@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.signal import find_peaks
 
 from torchplate.measurement import Channel, Measurement, assess
-from torchplate.measurement.quality import line_noise
+from torchplate.measurement.quality import line_noise, prominent
 
 
 def changed(measurement: Measurement, j: int, k: int, factor) -> Measurement:
@@ -93,6 +94,15 @@ def test_a_noisy_channel_is_named(make_measurement):
 def test_peaks_are_the_resonances(make_measurement):
     # Loss factors of 2 and 5 % move a peak by η²/8 of its frequency and the other mode's tail a little: a line or two.
     assert assess(make_measurement()).peaks == pytest.approx([41.0, 93.0], abs=0.5)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_peaks_stand_out_as_scipy_has_it(seed):
+    random = np.random.default_rng(seed)
+    level = np.cumsum(random.normal(size=random.integers(1, 400)))
+    for curve in (level, np.round(level), np.zeros(5), level[:2]):
+        for prominence in (0.5, 1.0, 3.0):
+            assert prominent(curve, prominence) == find_peaks(curve, prominence=prominence)[0].tolist()
 
 
 def test_a_dead_measurement_and_two_lines_have_no_peaks(make_measurement):

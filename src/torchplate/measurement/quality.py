@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -227,13 +228,35 @@ def peaks(measurement: Measurement, prominence: float = 3.0) -> list[float]:
         measurement: At least three lines, or there is no peak.
         prominence: By how much a peak stands over the higher of its two flanking valleys [dB], > 0.
     """
-    from scipy.signal import find_peaks  # here: half of what importing this package takes
-
     amplitude = summed_amplitude(measurement)
     # A floor 200 dB down keeps a dead line from becoming an infinite valley.
     decibel = 20 * torch.log10(amplitude.clamp(min=1e-10 * max(float(amplitude.max()), 1e-300)))
-    index, _ = find_peaks(decibel.numpy(), prominence=prominence)
-    return [float(measurement.frequency[int(i)]) for i in index]
+    return [float(measurement.frequency[i]) for i in prominent(decibel.numpy(), prominence)]
+
+
+def prominent(level: np.ndarray, prominence: float) -> list[int]:
+    """Places of the peaks of a curve that stand out so far; of a level top its middle.
+
+    As `scipy.signal.find_peaks` has them, whose import takes a second.
+
+    Args:
+        level: The curve [n].
+        prominence: Over the higher of the two lowest places on the way to a higher peak, or to the end.
+    """
+    begins = np.flatnonzero(np.diff(level, prepend=np.nan) != 0)
+    tops = level[begins]
+    inner = np.arange(1, len(begins) - 1)
+    tall = inner[(tops[inner] > tops[inner - 1]) & (tops[inner] > tops[inner + 1])]
+    found = []
+    for run in tall.tolist():
+        left, right = tops[:run], tops[run + 1 :]
+        higher = np.flatnonzero(left > tops[run])
+        before = left[higher[-1] :] if len(higher) else left
+        higher = np.flatnonzero(right > tops[run])
+        after = right[: higher[0] + 1] if len(higher) else right
+        if tops[run] - max(before.min(), after.min()) >= prominence:
+            found.append(int(begins[run] + begins[run + 1] - 1) // 2)
+    return found
 
 
 def suspicions(
