@@ -21,7 +21,8 @@ def put(text: str, ends: tuple[str, str], new: str) -> str:
 def commit() -> str:
     """What is measured: the commit of this package; "-dirty" where files differ from it, "" outside of a repository."""
     asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
-    return subprocess.run(asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=False).stdout.strip()
+    done = subprocess.run(asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    return done.stdout.strip()
 
 
 def _parts(text: str, ends: tuple[str, str]) -> tuple[str, str, str]:
