@@ -33,7 +33,7 @@ LISTENS = re.compile(r"(^|\.)(bind|listen|accept|HTTPServer|TCPServer|serve_fore
 MODULES = ("pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal", "http.server", "socketserver")
 # Processes of one run tell each other the search; rank 0 has written it, in memory.
 OWN_PROCESSES = {("cli/machine/ranks.py", "torch.load")}
-# Benchmarks and studies start this very Python again, with no word of a file; the page of figures asks git for the commit.
+# Benchmarks and studies start this very Python again, with no word of a file; git is asked for the commit.
 BENCHMARK = {
     ("bench/marked_page.py", "subprocess.run"),
     ("bench/scaling.py", "subprocess.run"),
