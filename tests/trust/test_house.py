@@ -26,3 +26,9 @@ def test_what_takes_longer_than_it_may_ends_with_1(monkeypatch, capsys, allowed,
 @pytest.mark.check
 def test_the_package_is_imported_and_its_help_is_said_in_the_seconds_allowed():
     assert house.main(["--times", "3"]) == 0
+
+
+def test_what_takes_hardly_any_time_takes_some_and_what_fails_is_said():
+    assert all(0 < house.seconds(["-S", "-c", "pass"]) < 1 for _ in range(20))
+    with pytest.raises(RuntimeError, match="to end with 0, got 3"):
+        house.seconds(["-c", "raise SystemExit(3)"])

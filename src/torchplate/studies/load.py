@@ -70,7 +70,7 @@ class Line(NamedTuple):
     kept: str
     held: bool
 
-    def cells(self, at: str = "") -> str:
+    def cells(self, at: str) -> str:
         """The line in Markdown, of the code at that commit."""
         held = "kept" if self.held else "**not kept**"
         return f"| {self.what} | {self.seconds:.3g} | {self.peak_gib:.2f} | {self.kept}: {held} | {at} |"
