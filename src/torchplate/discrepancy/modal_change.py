@@ -14,6 +14,44 @@ from torchplate.plate import Plan
 REACH = 1.6
 
 
+class Responses(NamedTuple):
+    """Rows times Z⁻¹ at every line, as it is made of (Woodbury): (rows − carried · attached) / bare.
+
+    It is not laid out: lines, rows and modes together are more than all that is asked of it.
+
+    Attributes:
+        rows: deflections at some places.
+        each: 1 / z without what is attached at places.
+        carried: what each of these moves beside them; None where nothing is attached.
+        attached: deflections there.
+    """
+
+    rows: Float[Tensor, "n_row n_mode"]
+    each: Complex[Tensor, "n_frequency n_mode"]
+    carried: Complex[Tensor, "n_frequency n_row n_attached"] | None
+    attached: Float[Tensor, "n_attached n_mode"]
+
+    def at(self, modes: Int[Tensor, " n_some"]) -> Complex[Tensor, "n_frequency n_row n_some"]:
+        """Of some modes alone."""
+        found = self.rows[:, modes] * self.each[:, None, modes]
+        if self.carried is None:
+            return found
+        return found - times_real(self.carried, self.attached[:, modes]) * self.each[:, None, modes]
+
+    def to(self, places: Float[Tensor, "n_place n_mode"]) -> Complex[Tensor, "n_frequency n_row n_place"]:
+        """Receptances to other places."""
+        found = _over(self.each, self.rows, places)
+        return found if self.carried is None else found - self.carried @ _over(self.each, self.attached, places)
+
+    def after(
+        self, moved: Complex[Tensor, "n_frequency n_moved n_mode"]
+    ) -> Complex[Tensor, "n_frequency n_moved n_row"]:
+        """Of forces on the modes."""
+        moved = moved * self.each[:, None]
+        found = times_real(moved, self.rows.mT)
+        return found if self.carried is None else found - times_real(moved, self.attached.mT) @ self.carried.mT
+
+
 class Modal(NamedTuple):
     """A model's reading taken apart into modes.
 
@@ -47,8 +85,8 @@ class Modal(NamedTuple):
     own_damping: Float[Tensor, " n_mode"]
     left: Float[Tensor, "n_response n_mode"]
     right: Float[Tensor, "n_reference n_mode"]
-    from_left: Complex[Tensor, "n_frequency n_response n_mode"]
-    from_right: Complex[Tensor, "n_frequency n_reference n_mode"]
+    from_left: Responses
+    from_right: Responses
     n_low: int
 
 
@@ -100,17 +138,17 @@ def _responses(
     attached: Float[Tensor, "n_attached n_mode"],
     force: Complex[Tensor, "n_attached n_frequency"],
     rows: Float[Tensor, "n_row n_mode"],
-) -> Complex[Tensor, "n_frequency n_row n_mode"]:
-    """Rows times Z⁻¹ at every line; what is attached at places couples the modes (Woodbury)."""
+) -> Responses:
+    """Rows times Z⁻¹ at every line; what is attached at places couples the modes."""
     each = reciprocal(bare)
     if not len(attached):
-        return rows * each[:, None]
+        return Responses(rows, each, None, attached)
     force = force.mT
     between, pulled = (_over(each, one, attached) for one in (attached, rows))
     coupled = torch.eye(len(attached)).to(between) + force[..., None] * between
     # Few rows: each is carried to the attached places, and not all modes there.
     carried = torch.linalg.solve(coupled, pulled, left=False) * force[:, None]
-    return (rows - times_real(carried, attached)) * each[:, None]
+    return Responses(rows, each, carried, attached)
 
 
 def _over(each: Tensor, left: Tensor, right: Tensor) -> Complex[Tensor, "n_frequency n_left n_right"]:
@@ -121,17 +159,19 @@ def _over(each: Tensor, left: Tensor, right: Tensor) -> Complex[Tensor, "n_frequ
 
 def from_responses(modal: Modal, rows: Float[Tensor, "n_row n_mode"]) -> Tensor:
     """Receptances from the responses to other places, at every line."""
-    return times_real(modal.from_left, rows.mT)
+    return modal.from_left.to(rows)
 
 
 def to_references(modal: Modal, rows: Float[Tensor, "n_row n_mode"]) -> Tensor:
     """Receptances from other places to the references, at every line."""
-    return times_real(modal.from_right, rows.mT).mT
+    return modal.from_right.to(rows).mT
 
 
 def as_modes_move(modal: Modal, change: Complex[Tensor, "n_frequency n_mode"]) -> Tensor:
     """What a change of all modes' denominators does to the receptances, all at once."""
-    return -(modal.from_left * change[:, None]) @ modal.from_right.mT
+    fewer, more, swapped = _by_size(modal.from_left, modal.from_right)
+    found = -more.after(fewer.at(torch.arange(len(modal.eigenvalue))) * change[:, None])
+    return found.mT if swapped else found
 
 
 def sum_of_modes(modal: Modal, left: Tensor, right: Tensor) -> Tensor:
@@ -143,8 +183,8 @@ def of_modes(
     modal: Modal, modes: Int[Tensor, " n_some"], change: Complex[Tensor, "n_frequency n_some"]
 ) -> Complex[Tensor, "n_some n_frequency n_response n_reference"]:
     """What a change of some modes' denominators does to the receptances, each alone."""
-    left, right = (-change[:, None] * modal.from_left[..., modes]).movedim(-1, 0), modal.from_right[..., modes]
-    return left[..., None] * right.movedim(-1, 0)[:, :, None]
+    left = (-change[:, None] * modal.from_left.at(modes)).movedim(-1, 0)
+    return left[..., None] * modal.from_right.at(modes).movedim(-1, 0)[:, :, None]
 
 
 def through_each(
@@ -156,22 +196,27 @@ def through_each(
     """What several changes of stiffness and mass, in coordinates of all modes, do to the receptances, each alone."""
     if not len(stiffness):
         return modal.bare.new_zeros(0, len(s), len(modal.left), len(modal.right))
-    left, right = modal.from_left, modal.from_right
-    fewer, more, swapped = (left, right, False) if left.shape[1] <= right.shape[1] else (right, left, True)
+    from_fewer, more, swapped = _by_size(modal.from_left, modal.from_right)
+    fewer, n_more = from_fewer.at(torch.arange(len(modal.eigenvalue))), len(more.rows)
     parts = []
     for matrices, factor in ((stiffness, modal.kappa[:, 0]), (mass, s.square())):
         some, which, multiple = _multiples(matrices)
-        whole = fewer.new_zeros(len(matrices), len(s), fewer.shape[1], more.shape[1])
+        whole = fewer.new_zeros(len(matrices), len(s), fewer.shape[1], n_more)
         if len(some):
             # One real product for all lines and terms.
             beside = matrices[some].movedim(0, 1).flatten(1)
             felt = times_real(fewer.flatten(0, 1), beside).unflatten(-1, (-1, fewer.shape[-1]))
-            felt = felt.unflatten(0, fewer.shape[:2]).flatten(1, 2) @ more.mT
+            felt = more.after(felt.unflatten(0, fewer.shape[:2]).flatten(1, 2))
             felt = felt.unflatten(1, (fewer.shape[1], -1)).movedim(2, 0)
             whole = multiple[:, None, None, None] * (factor[:, None, None] * felt)[which]
         parts.append(whole)
     change = -(parts[0] + parts[1])
     return change.mT if swapped else change
+
+
+def _by_size(left: Responses, right: Responses) -> tuple[Responses, Responses, bool]:
+    """The one of fewer rows, the other, and whether that is the wrong way round."""
+    return (left, right, False) if len(left.rows) <= len(right.rows) else (right, left, True)
 
 
 def _multiples(
