@@ -59,7 +59,7 @@ def fitted(cost: float, information: Sequence[float] = (), **others: Any) -> Fit
         prediction=NONE,
         expected=NONE,
         judged=judged,
-        marginal=SimpleNamespace(about=None),  # type: ignore[arg-type]
+        beside=SimpleNamespace(about=None),  # type: ignore[arg-type]
         information=seen,
         **(fields | others),
     )
@@ -196,7 +196,7 @@ def test_where_modes_wander_by_more_than_their_width_they_count_by_their_number(
 
 def test_about_a_specimen_what_the_second_order_leaves_is_of_each_channel():
     known = SimpleNamespace(about=Found(NONE, torch.zeros(0, 0, dtype=torch.float64)))
-    found = fitted(0.0, second_order=1.0)._replace(marginal=known)
+    found = fitted(0.0, second_order=1.0)._replace(beside=known)
     assert weight_of([found]) * N == pytest.approx(300.0)
 
 

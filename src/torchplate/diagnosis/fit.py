@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.diagnosis.joint import Ended, Joint
-from torchplate.diagnosis.judged import Fit, judged_beside, settled, unfitted
+from torchplate.diagnosis.judged import Fit, beside, judged_beside, settled, unfitted
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem, one_level, widely
 from torchplate.discrepancy import UNIFORM, Found
@@ -121,8 +121,8 @@ def fit(
         far = way > beat.way and target.wandering != UNIFORM
         if 2 * value > hopeless or far:
             reduced = specimens.of(about)
-            marginal = target.marginal(reduced, model.space.to_si(position), about)
-            found = judged_beside(builder, corrected, reduced, prior, position, marginal)._replace(way=way)
+            of_fit = beside(target, reduced, model.space.to_si(position), about)
+            found = judged_beside(builder, corrected, reduced, prior, position, of_fit)._replace(way=way)
             if 2 * value > hopeless or found.cost > beat.cost:
                 return found
             beat = NOBODY

@@ -1,7 +1,9 @@
 """A fitted model beside noise and nuisances: what it was judged by, and as large as they are found there."""
 
 import math
-from collections.abc import Mapping
+import weakref
+from collections import deque
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import torch
@@ -12,9 +14,62 @@ from torchplate.diagnosis.joint import Joint
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.settings import Comparison
+from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import UNIFORM, Found, Judged, Marginal, Specimens, as_it_is_meant
 from torchplate.model import PlateModel
 from torchplate.search import JACOBIANS
+
+# Noise and nuisances that were made last, which are likely to be asked for again.
+LAST: deque[Marginal] = deque(maxlen=3)
+
+
+class Beside:
+    """Noise and nuisances beside a model: made where they are asked for, and again once others have been since.
+
+    They hold as many columns as there are nuisances, each as long as all FRFs: of every hypothesis that was ever fitted
+    these would be gigabytes.
+
+    Args:
+        make: them.
+
+    Attributes:
+        about: how far off the specimen is that they are taken about; None where it is not.
+        scale: of each group, times what was said of it; 1 where it is left out.
+    """
+
+    def __init__(self, make: Callable[[], Marginal]) -> None:
+        found = make()
+        self._make, self._made = make, weakref.ref(found)
+        self.about, self.scale = found.about, found.scale
+        LAST.append(found)
+
+    def __call__(self) -> Marginal:
+        """As they are."""
+        found = self._made()
+        if found is None:
+            found = self._make()
+            self._made = weakref.ref(found)
+            LAST.append(found)
+        return found
+
+
+def beside(
+    target: FrfTarget,
+    model: PlateModel,
+    theta: Float[Tensor, " n_parameter"],
+    about: Found | None = None,
+    scale: Mapping[str, float] | None = None,
+) -> Beside:
+    """Those of a target beside a model.
+
+    Args:
+        target: that it is held against.
+        model: in a basis.
+        theta: its parameters.
+        about: how far off the specimen is that it is.
+        scale: of each group of nuisances, times what was said of it; 1 where it is left out.
+    """
+    return Beside(lambda: target.marginal(model, theta, about).rescaled(scale or {}))
 
 
 class Fit(NamedTuple):
@@ -31,7 +86,7 @@ class Fit(NamedTuple):
         prior: what the tolerances add to the sum of squares.
         gap: over all that was measured.
         left: the same of what is expected: what the specimen that was found leaves.
-        marginal: noise and nuisances beside it.
+        beside: noise and nuisances beside it.
         information: of the data on theta, on the unit cube.
         told: inverse variance of what is known of each parameter beforehand, on the unit cube.
         n_on_bound: parameters that sit on the edge of their intervals.
@@ -53,7 +108,7 @@ class Fit(NamedTuple):
     prior: float
     gap: float
     left: float
-    marginal: Marginal
+    beside: Beside
     information: Float[Tensor, "n_parameter n_parameter"]
     told: Float[Tensor, " n_parameter"]
     n_on_bound: int = 0
@@ -64,9 +119,14 @@ class Fit(NamedTuple):
     way: float = math.inf
 
     @property
+    def marginal(self) -> Marginal:
+        """Noise and nuisances beside it."""
+        return self.beside()
+
+    @property
     def about(self) -> Found | None:
         """How far the section of `reduced` wanders."""
-        return self.marginal.about
+        return self.beside.about
 
     @property
     def reduced_misfit(self) -> float:
@@ -107,25 +167,23 @@ def settled(
 
     specimens = specimens or target.specimens(plain, model.space.to_si(position))
 
-    def beside(position: Tensor, about: Found | None, scale: Mapping[str, float]) -> tuple[PlateModel, Marginal]:
-        theta = model.space.to_si(position)
+    def around(position: Tensor, about: Found | None, scale: Mapping[str, float]) -> tuple[PlateModel, Beside]:
         reduced = specimens.of(about)
-        marginal = target.marginal(reduced, theta, about)
-        return reduced, marginal.rescaled(scale) if scale else marginal
+        return reduced, beside(target, reduced, model.space.to_si(position), about, scale)
 
     for turn in range(1 + settings.n_settled):
-        reduced, marginal = beside(position, about, scale)
+        reduced, of_fit = around(position, about, scale)
         if turn and len(model.names) and fitted_on:
             if target.wandering == UNIFORM:
-                problem = Problem(builder, reduced, prior, marginal)
+                problem = Problem(builder, reduced, prior, of_fit())
                 position = problem.descend(position[None], target.levels - 1, settings.n_together)[0][0]
             else:
                 joint = Joint(builder, model, specimens, prior, scale)
                 shift, channels = (position.new_zeros(0), None) if about is None else (about.shift, about.channels)
                 position, about, *_ = joint.descend_sharply(position, shift, channels)
                 about = about if known is None else about.as_sure_as(known)
-            reduced, marginal = beside(position, about, scale)
-        found = judged_beside(builder, model, reduced, prior, position, marginal)
+            reduced, of_fit = around(position, about, scale)
+        found = judged_beside(builder, model, reduced, prior, position, of_fit)
         # Likelihoods about a uniform section and about one that wanders are not of one kind.
         alike = best is not None and (best.about is None) == (found.about is None)
         if best is not None and alike and found.cost > best.cost:
@@ -160,7 +218,7 @@ def _moved(fit: Fit) -> float:
 
 def judged_at(builder: ModelBuilder, fit: Fit, prior: Prior, position: Tensor) -> Fit:
     """A model that was fitted beside other evidence, as it is; beside nuisances as large as any fit's are judged at."""
-    return settled(builder, fit.model, fit.reduced, prior, position, fit.about, fit.marginal.scale, fitted_on=False)
+    return settled(builder, fit.model, fit.reduced, prior, position, fit.about, fit.beside.scale, fitted_on=False)
 
 
 def judged_beside(
@@ -169,10 +227,10 @@ def judged_beside(
     reduced: PlateModel,
     prior: Prior,
     position: Tensor,
-    marginal: Marginal,
+    of_fit: Beside,
 ) -> Fit:
     """A fitted model beside noise and nuisances."""
-    target, theta = builder.target, model.space.to_si(position)
+    target, theta, marginal = builder.target, model.space.to_si(position), of_fit()
     prediction = expected = builder.predict(reduced, theta)
     if marginal.about is not None:
         prediction = builder.predict(as_it_is_meant(reduced), theta)
@@ -208,7 +266,7 @@ def judged_beside(
         float(told.square().sum()),
         target.whole_gap(prediction),
         target.whole_gap(expected),
-        marginal,
+        of_fit,
         information,
         known,
         int(model.space.at_bound(theta).sum()) if n else 0,

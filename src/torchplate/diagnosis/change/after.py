@@ -18,7 +18,7 @@ from torch import Tensor
 from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.reference import Reference, all_columns, eigenvalues
 from torchplate.diagnosis.change.specimen import ReferenceSpecimens
-from torchplate.diagnosis.judged import Fit, judged_beside
+from torchplate.diagnosis.judged import Beside, Fit, judged_beside
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Problem, widely
 from torchplate.discrepancy import Found, Marginal, OfChannels
@@ -253,8 +253,8 @@ class After:
         """A hypothesis at a place, about channels as they are taken to be; `common` is a part of their drifts."""
         target = self.builder.target
         about = self.moved(one, channels)
-        marginal = self.marginal(about, one.frozen.space.to_si(place))
-        found = judged_beside(self.builder, one.frozen, about.reduced, {}, place, marginal)
+        of_fit = Beside(lambda: self.marginal(about, one.frozen.space.to_si(place)))
+        found, marginal = judged_beside(self.builder, one.frozen, about.reduced, {}, place, of_fit), of_fit()
         # The specimen is the reference's in any case: what it makes expected is what is predicted.
         found = found._replace(prediction=found.expected, gap=found.left)
         seen = marginal.channels(marginal.residual(target.off(found.expected, marginal.about)))
