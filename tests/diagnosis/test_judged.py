@@ -14,7 +14,8 @@ def test_nuisances_of_fits_long_past_are_given_back_and_made_again_the_same(lab)
     alive = weakref.ref(first.marginal)
     others = [scene.hypothesis("sensor_gain", start=0.5 + 0.1 * turn).fit for turn in range(LAST.maxlen)]
     gc.collect()
-    assert alive() is None and all(one.marginal is not None for one in others)
+    assert alive() is None
+    assert all(one.marginal is not None for one in others)
     again = first.marginal
     assert again is first.marginal
     assert again.judge(again.residual(scene.builder.target.off(first.expected, first.about))).cost == seen.cost
