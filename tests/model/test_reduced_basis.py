@@ -192,6 +192,22 @@ def test_what_a_lossy_patch_does_to_the_modes_is_in_the_basis(loss):
     assert frf_error(model, small, theta, FREQUENCY[::4]) < 1e-3
 
 
+@pytest.mark.parametrize("hit", ["all over the plate", "at one place"])
+def test_many_channels_at_one_side_take_no_vectors_of_their_own(hit):
+    """FRFs from one place to all nodes are right by what is known of that place."""
+    every, one = list(range(1, 118)), [3]
+    response, reference = (one, every) if hit == "all over the plate" else (every, one)
+    effects = {"plate": Plate(), "loss": HystereticDamping()}
+    known = {key: value for key, value in NUMBERS.items() if not key.startswith("wires")}
+    model = PlateModel(Mesh(0.47, 0.31, 12, 8), effects, known, {}, response, reference, "accelerance")
+    theta = model.known.new_zeros(1, 0)
+    basis = reduced_basis.ritz_basis(model, theta, FREQUENCY, 0, 3.0)
+    n_mode = len(SparseModel(model, theta[0]).modes(1, 3.0 * float(FREQUENCY[-1]), dense=True).frequency)
+    assert basis.shape[-1] <= n_mode + 2
+    # Two terms of the series of modes beyond three times the band: (1/3)⁴ of what they give at rest, which is little.
+    assert frf_error(model, model.projected(basis), theta, FREQUENCY[::4]) < 1e-3
+
+
 def test_an_edge_on_springs_takes_few_vectors_and_may_yield():
     springs = {"one.stiffness": Searched(1e2, 1e6, True), "one.rotational_stiffness": Searched(1.0, 1e4, True)}
     model = with_one(EdgeSpring("y0"), {}, springs)

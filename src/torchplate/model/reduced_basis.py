@@ -10,6 +10,8 @@ if not, it keeps fainter directions, takes more modes and members in, and is mea
 """
 
 import copy
+from collections.abc import Sequence
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -240,6 +242,9 @@ def ritz_basis(
             in_band = modes.shape[:, modes.frequency <= ABOVE * top / margin]
             forces = torch.cat([_forces(model, member, in_band), _patch_forces(sparse, in_band)])
             residual = sparse.residual(shape, forces)
+            if len(fewer := _fewer_channels(model, member, in_band)):
+                once = sparse.residual(shape, fewer)
+                residual = torch.cat([residual, once, sparse.residual(shape, sparse.times_mass(once).mT)], dim=-1)
             # Scaled to the size of a mode: only directions count.
             columns.append(residual / residual.norm(dim=0).clamp(min=1e-300) * shape.norm(dim=0).mean())
     stack = torch.cat(columns, dim=-1)
@@ -260,18 +265,35 @@ def _patch_forces(sparse: SparseModel, modes: Float[Tensor, "n n_mode"]) -> Floa
 def _forces(model: PlateModel, theta: Tensor, modes: Float[Tensor, "n n_mode"]) -> Float[Tensor, "n_row n"]:
     """Rows over the free dofs where something pushes or is read; the inertia of the plate where its base moves.
 
-    What acts along a line at more places than there are modes in the band pushes as these modes make it push.
+    None of channels where one side has many, see `_fewer_channels`. What acts along a line at more places
+    than there are modes in the band pushes as these modes make it push.
     """
     plan = model.plan(theta)
-    rows = []
+    rows = [modes.new_zeros(0, len(modes))]
     for term in plan.terms:
         row, springs = model.assembly.rows(term.vector), term.stiffness
         if len(row) > modes.shape[-1] and springs is not None and bool(springs.any()):
             row = (springs[:, None] * (row @ modes)).mT @ row
         rows.append(row)
-    for points in (model.response, model.reference):
-        if points:
-            rows.append(model.assembly.rows(model.mesh.deflection_at(model.mesh.places(points).to(theta))))
+    if not len(_fewer_channels(model, theta, modes)):
+        rows += [_at(model, points, theta) for points in (model.response, model.reference) if points]
     if model.kind == "transmissibility":
         rows.append(model.excitation(plan, None))
     return torch.cat(rows)
+
+
+def _fewer_channels(model: PlateModel, theta: Tensor, modes: Float[Tensor, "n n_mode"]) -> Float[Tensor, "n_row n"]:
+    """Rows at the side of fewer channels, where the other has more than there are modes in the band; none elsewhere.
+
+    An FRF is of both its ends. With what a force at one moves at rest, K⁻¹f, and K⁻¹ M K⁻¹f in the basis, two terms of
+    the series of far modes are right of every FRF that ends there (moment matching; Antoulas, Approximation of
+    Large-Scale Dynamical Systems, 2005), as many as K⁻¹f of both ends make right.
+    """
+    fewer, more = sorted((model.response or (), model.reference or ()), key=len)
+    if not len(fewer) or len(more) <= max(len(fewer), modes.shape[-1]):
+        return theta.new_zeros(0, model.assembly.size)
+    return _at(model, fewer, theta)
+
+
+def _at(model: PlateModel, points: Sequence[Any], theta: Tensor) -> Float[Tensor, "n_row n"]:
+    return model.assembly.rows(model.mesh.deflection_at(model.mesh.places(points).to(theta)))
