@@ -202,7 +202,8 @@ def test_many_channels_at_one_side_take_no_vectors_of_their_own(hit):
     model = PlateModel(Mesh(0.47, 0.31, 12, 8), effects, known, {}, response, reference, "accelerance")
     theta = model.known.new_zeros(1, 0)
     basis = reduced_basis.ritz_basis(model, theta, FREQUENCY, 0, 3.0)
-    n_mode = len(SparseModel(model, theta[0]).modes(1, 3.0 * float(FREQUENCY[-1]), dense=True).frequency)
+    every_mode = SparseModel(model, theta[0]).modes(1, dense=True).frequency
+    n_mode = int((every_mode <= 3.0 * float(FREQUENCY[-1])).sum())
     assert basis.shape[-1] <= n_mode + 2
     # Two terms of the series of modes beyond three times the band: (1/3)⁴ of what they give at rest, which is little.
     assert frf_error(model, model.projected(basis), theta, FREQUENCY[::4]) < 1e-3
