@@ -1,10 +1,11 @@
 """The verification page holds what its command prints."""
 
 import re
+import subprocess
 
 import pytest
 
-from torchplate.bench.marked_page import PAGE, between, put
+from torchplate.bench.marked_page import PAGE, between, commit, put
 from torchplate.bench.published import NAFEMS, SQUARES
 from torchplate.bench.verification import LONG, QUICK, TABLES, Row, page
 
@@ -57,3 +58,24 @@ def test_what_is_put_between_marks_changes_nothing_else() -> None:
 def test_a_page_without_its_marks_is_said() -> None:
     with pytest.raises(ValueError, match="Put them there"):
         between("no marks", QUICK)
+
+
+def test_a_figure_is_of_a_commit_unless_other_files_than_the_documentation_differ(tmp_path):
+    assert commit(tmp_path) == ""
+
+    def git(*words):
+        subprocess.run(["git", "-c", "user.name=a", "-c", "user.email=a@b", *words], cwd=tmp_path, check=True)
+
+    for folder in ("docs", "src"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "a").write_text("1")
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-qm", "one")
+    clean = commit(tmp_path / "src")
+    assert re.fullmatch("[0-9a-f]{7,}", clean)
+    (tmp_path / "docs" / "a").write_text("2")
+    (tmp_path / "untracked").write_text("3")
+    assert commit(tmp_path / "src") == clean
+    (tmp_path / "src" / "a").write_text("2")
+    assert commit(tmp_path / "src") == f"{clean}-dirty"

@@ -100,8 +100,8 @@ def test_it_goes_on_from_a_checkpoint_to_the_identical_result(bench):
 
 
 def test_a_model_without_an_interval_is_held_against_the_full_one_once(bench, monkeypatch):
-    from torchplate.identification import basis_check, evaluation
-    from torchplate.model import fine_mesh, reduced_basis
+    from torchplate.identification import basis_check
+    from torchplate.model import error_estimate, fine_mesh, reduced_basis
 
     model = bench.plate(())
     calls = []
@@ -110,9 +110,9 @@ def test_a_model_without_an_interval_is_held_against_the_full_one_once(bench, mo
         calls.append(arguments)
         return measured(*arguments, **options)
 
-    measured = reduced_basis.basis_error
-    for module in (reduced_basis, evaluation):
-        monkeypatch.setattr(module, "basis_error", counted)
+    measured = reduced_basis.full_model
+    for module in (reduced_basis, error_estimate):
+        monkeypatch.setattr(module, "full_model", counted)
     # As if its mesh were fine: a basis serves it then, though nothing is searched.
     for module in (basis_check, fine_mesh):
         monkeypatch.setattr(module, "DENSE", 40)

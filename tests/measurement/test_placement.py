@@ -61,6 +61,7 @@ def test_a_channel_a_little_off_the_plate_goes_to_its_edge_and_says_how_far(make
         (0.1, -0.0035, "mesh.length_x"),
         (150.0, 100.0, "millimetres"),
         (float("nan"), 0.1, "3w"),
+        (0.1, -1e200, "m off it"),
     ],
 )
 def test_a_channel_off_the_plate_is_an_error_that_names_it(x, y, word, make_measurement):

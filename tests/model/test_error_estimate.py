@@ -1,9 +1,11 @@
 """The estimated error of a reduced model, member by member, beside the true one."""
 
+import copy
+
 import pytest
 import torch
 
-from torchplate.model import Searched, basis_error, error_estimate, estimated_error, fine_mesh
+from torchplate.model import Searched, SparseModel, basis_error, error_estimate, estimated_error, fine_mesh
 from torchplate.model.error_estimate import _importance
 from torchplate.model.reduced_basis import ritz_basis
 from torchplate.plate import Mesh
@@ -87,3 +89,24 @@ def test_which_lines_count_hangs_on_no_unit(plates) -> None:
     # Receptances of a stiff plate in m/N are below 1e-6; here smaller ones, and some larger.
     for unit in (1e-12, 1e9):
         torch.testing.assert_close(_importance(unit * frf), _importance(frf), rtol=1e-9, atol=0)
+
+
+def test_the_estimate_is_the_same_where_responses_and_references_change_places(plates, monkeypatch) -> None:
+    made_of, columns = made(plates, MESHES["rectangle"]), []
+    solve = SparseModel.solve
+    monkeypatch.setattr(SparseModel, "solve", lambda own, right: columns.append(right.shape[1]) or solve(own, right))
+    model, _, theta, frequency = made_of
+    estimates = []
+    for one, others in ((model.response[:1], [8, 12, (0.61, 0.37)]), ([8, 12, (0.61, 0.37)], model.response[:1])):
+        twin = copy.copy(model)
+        twin.response, twin.reference = list(one), list(others)
+        middle = twin.space.to_si(torch.full((1, len(twin.names)), 0.5, dtype=torch.float64))
+        # Residuals of all channels are in it: the basis is the same one.
+        reduced = twin.projected(ritz_basis(twin, middle, frequency, 0, 1.3))
+        columns.clear()
+        estimates.append(estimated_error(twin, reduced, theta, frequency))
+        # The real and the imaginary part of one channel, at the lines of highest motion and at those between.
+        n_line = error_estimate.N_PEAK + error_estimate.N_LINE_CHECKED
+        assert columns == [2 * n_line] * len(theta)
+    # Reciprocity, of the estimate too; rounding of the bases' columns in another order.
+    torch.testing.assert_close(*estimates, rtol=1e-5, atol=0)

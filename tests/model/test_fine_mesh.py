@@ -5,7 +5,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 import torch
 
-from torchplate.model import SparseModel, extrapolate
+from torchplate.model import SparseModel, extrapolate, fine_mesh
 from torchplate.model.fine_mesh import SHIFT, _solver
 from torchplate.plate import Mesh
 
@@ -81,6 +81,25 @@ def test_its_frfs_are_the_dense_ones(plates, relative_error, loss_field):
         found = SparseModel(model, plates.nothing).frf(FREQUENCY)
         # Both solve the same dynamic stiffness, in another order.
         assert relative_error(found, model.frf_direct(plates.nothing, FREQUENCY)) < 1e-8
+
+
+@pytest.mark.parametrize("n_more", [0, 3])
+def test_each_line_is_solved_for_the_side_of_fewer_channels(plates, relative_error, monkeypatch, n_more):
+    mesh, columns = MESHES["rectangle"], []
+    places = [2, (0.91, 0.23), 17, (0.4, 0.77), 33]
+    points = {"response": places[: 1 + n_more], "reference": places[-4 + n_more :]}
+    model = plates.build(mesh, plates.damping_of_every_kind(mesh), **points)
+    solver = fine_mesh._solver
+
+    def counted(matrix):
+        solve = solver(matrix)
+        return lambda right: columns.append(right.shape[1]) or solve(right)
+
+    monkeypatch.setattr(fine_mesh, "_solver", counted)
+    found = SparseModel(model, plates.nothing).frf(FREQUENCY)
+    assert columns == [1] * len(FREQUENCY)
+    # Both solve the same dynamic stiffness, in another order.
+    assert relative_error(found, model.frf_direct(plates.nothing, FREQUENCY)) < 1e-8
 
 
 def test_residuals_are_orthogonal_to_the_modes_in_the_mass(model, plates):

@@ -119,6 +119,21 @@ def test_a_tolerance_beyond_rounding_is_not_promised():
     assert reduce(plate(MESHES["rectangle"]), FREQUENCY, tolerance=1e-16) is None
 
 
+def test_bases_of_the_same_members_are_held_against_the_same_full_models(monkeypatch):
+    solved, rounds = [], []
+    for name, calls in (("full_model", solved), ("_ritz_columns", rounds)):
+        own = getattr(reduced_basis, name)
+        monkeypatch.setattr(
+            reduced_basis, name, lambda *told, own=own, calls=calls, **more: calls.append(told[1]) or own(*told, **more)
+        )
+    assert reduce(plate(Mesh(0.47, 0.31, 12, 9)), FREQUENCY, tolerance=1e-16) is None
+    # Three bases of three members, two of them of the same modes; then one of these and the four it was held against.
+    assert [len(members) for members in rounds] == [3, 3, 7]
+    assert [len(members) for members in solved] == [4, 4]
+    assert torch.equal(rounds[-1][3:], solved[0])
+    assert not torch.equal(solved[0], solved[1])
+
+
 @pytest.mark.parametrize("mesh", MESHES)
 def test_natural_frequencies_alone_hold_over_the_whole_box(mesh):
     model = plate(MESHES[mesh])

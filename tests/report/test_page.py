@@ -20,7 +20,7 @@ from torchplate.report.document import (
     Picture,
     Table,
 )
-from torchplate.report.drawing import VARIABLES, svg
+from torchplate.report.drawing import VARIABLES, pdf, png, svg
 from torchplate.report.markdown import markdown
 from torchplate.report.page import page
 from torchplate.report.page_style import style
@@ -151,6 +151,19 @@ class TestFigures:
 
     def test_nothing_points_outside_of_the_page(self):
         assert not re.search(r"https?:|xmlns|xlink|url\((?!#)", svg(drawn(), "one", ""))
+
+
+def test_a_figure_that_is_laid_out_is_drawn_once_for_each_picture(monkeypatch):
+    figure, draws, draw = drawn(), [], Figure.draw
+    figure.set_layout_engine("constrained")
+    before = figure.axes[0].get_position().bounds
+    monkeypatch.setattr(Figure, "draw", lambda own, renderer: draws.append(own) or draw(own, renderer))
+    for make in (png, partial(svg, name="one", told="a line"), pdf):
+        make(figure)
+        assert draws == [figure]
+        draws.clear()
+    # It was laid out.
+    assert figure.axes[0].get_position().bounds != before
 
 
 def test_the_name_of_a_channel_is_explained_once_before_it_is_first_used():

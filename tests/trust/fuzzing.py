@@ -3,8 +3,9 @@
     python tests/trust/fuzzing.py --mutations 20000
 
 Each case takes a small whole file, changes it (bits, bytes, lines, numbers, lengths; in archives also arrays, names and
-kinds), and gives it to every reader of its suffix, in a process with a limit of memory. A reader returns, or raises
-one of the package's errors with one sentence of one line. Everything else is a finding, and its file is kept.
+kinds), and gives it to every reader of its suffix, and what can be read to what `new`, `frf` and `modes` make of it, in
+a process with a limit of memory. A reader returns, or raises one of the package's errors with one sentence of one line.
+Everything else is a finding, told with the number of its case.
 """
 
 import argparse
@@ -23,11 +24,13 @@ import warnings
 import zipfile
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 # It is run as a script, beside which its neighbour lies; where tests are collected, that is on no path.
 sys.path.insert(0, str(Path(__file__).parent))
 import figures
+import universal
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -92,13 +95,16 @@ def corpus(folder: Path) -> dict[str, bytes]:
     from torchplate.measurement import SI_UNIT, Channel, Measurement, ModalModel, write_modal_model, write_uff
     from torchplate.search import Descent, DifferentialEvolution, minimize
 
-    frequency = torch.linspace(5.0, 50.0, 12, dtype=torch.float64)
+    # Two modes, on as many lines as an estimate of them needs.
+    frequency = torch.arange(1, 33, dtype=torch.float64) * 2.5
     draw = torch.Generator().manual_seed(1)
-    frf = torch.view_as_complex(torch.randn(12, 2, 2, 2, generator=draw, dtype=torch.float64))
+    squared, pole = (frequency**2)[:, None], torch.tensor([22.0, 51.0], dtype=torch.float64) ** 2 * (1 + 0.04j)
+    shape = torch.tensor([[1.0, -0.7], [0.6, 1.1]], dtype=torch.float64)
+    frf = torch.einsum("jr,kr,fr->fjk", *[shape.to(pole)] * 2, -squared / (pole - squared))
     ends = tuple(Channel(node, "w", (0.1 * node, 0.05 * node**2, 0.0)) for node in (1, 4))
     measurement = Measurement(
         frequency, frf, torch.ones(2, 2, dtype=torch.bool), ends, ends, "accelerance", SI_UNIT["accelerance"],
-        coherence=torch.full((12, 2, 2), 0.9, dtype=torch.float64),
+        coherence=torch.full((32, 2, 2), 0.9, dtype=torch.float64),
     )  # fmt: skip
     measurement.to_npz(folder / "frf.npz")
     write_uff(measurement, folder / "ascii.uff")
@@ -109,8 +115,10 @@ def corpus(folder: Path) -> dict[str, bytes]:
     )  # fmt: skip
     for name in ("modes.uff", "modes.csv"):
         write_modal_model(modes, folder / name)
+    (folder / "systems.uff").write_bytes(universal.geometry_and_modes())
+    (folder / "hits.uff").write_bytes(universal.hits())
     hit = np.zeros((64, 3))
-    hit[10:14, 0] = 1.0
+    hit[10:14, 0] = 0.4, 1.0, 0.6, 0.1  # a level top would be an overload
     hit[10:, 1:] = np.sin(np.arange(54) * 0.7)[:, None]
     np.savez(folder / "hit.npz", force=hit[:, 0], response=hit[:, 1:], fs=512.0)
     savemat(folder / "hit.mat", {"force": hit[:, 0], "acc": hit[:, 1:], "fs": 512.0})
@@ -127,7 +135,7 @@ def corpus(folder: Path) -> dict[str, bytes]:
     (folder / "hit.lvm").write_text("\n".join([*head, *body]) + "\n")
     raw = {
         "mesh": {"length_x": 0.4, "length_y": 0.3, "n_x": 3, "n_y": 2},
-        "measurement": {"file": "frf.npz", "band": [5.0, 40.0]},
+        "measurement": {"file": "frf.npz", "band": [5.0, 70.0]},
         "effects": {"plate": {"effect": "plate", "youngs_modulus": [1.5e11, 2.6e11], "poisson_ratio": 0.3,
                               "density": 7800.0, "thickness": {"value": 0.003, "std": 1e-5}},
                     "wires": {"effect": "support_spring", "nodes": [1, 4], "stiffness": 900.0}},
@@ -158,9 +166,12 @@ def readers(name: str) -> list[Callable[[Path], object]]:
     from torchplate.cli.config.build import load_run
     from torchplate.cli.folder.descents import DescentFile
     from torchplate.cli.folder.opening import read_checkpoint
+    from torchplate.cli.verbs.new_draft import Wishes, drafted
     from torchplate.measurement import (
         assess,
         describe,
+        frf_of_hits,
+        modes,
         read_geometry,
         read_measurement,
         read_modal_model,
@@ -183,17 +194,27 @@ def readers(name: str) -> list[Callable[[Path], object]]:
     def judged(path: Path) -> None:
         assess(read_measurement(path))
 
+    # What the verbs `new`, `modes` and `frf` make of a file that could be read.
+    def draft(path: Path) -> None:
+        drafted(path, Wishes())
+
+    def analysed(path: Path) -> None:
+        modes(read_measurement(path))
+
+    def estimated(path: Path) -> None:
+        frf_of_hits([replace(one, reference=one.reference or 1) for one in read_recordings(path)])
+
     suffix = Path(name).suffix
     if name == "checkpoint.pt":
         return [checkpoint]
     if name == "descents.pt":
         return [lambda path: DescentFile(path, {"config": "a"}).read()]
     return {
-        ".uff": [judged, read_geometry, describe, read_recordings, read_modal_model, read_nodes],
-        ".npz": [judged, read_recordings],
-        ".csv": [read_recordings, read_nodes, read_modal_model],
+        ".uff": [judged, read_geometry, describe, estimated, read_modal_model, read_nodes, draft, analysed],
+        ".npz": [judged, estimated, draft, analysed],
+        ".csv": [estimated, read_nodes, read_modal_model],
         ".yaml": [config],
-    }.get(suffix, [read_recordings])
+    }.get(suffix, [estimated])
 
 
 def mutated(name: str, files: dict[str, bytes], draw: random.Random) -> bytes:

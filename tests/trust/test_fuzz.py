@@ -3,6 +3,7 @@
 TORCHPLATE_MUTATIONS=20000 python -m pytest tests/trust/test_fuzz.py -m check -s
 """
 
+import importlib
 import os
 import re
 import subprocess
@@ -49,6 +50,27 @@ def test_mutated_files_are_read_or_refused_in_one_sentence():
 @pytest.mark.check
 def test_many_mutated_files_are_read_or_refused_in_one_sentence():
     fuzzed(MUTATIONS, 12)
+
+
+def test_each_file_of_the_corpus_is_read_by_a_reader_and_each_reader_reads_one(tmp_path, monkeypatch):
+    # Else the files would be refused for what they are, and mutations of them would never get far.
+    monkeypatch.syspath_prepend(DRIVER.parent)
+    fuzzing = importlib.import_module("fuzzing")
+    read, unread = set(), []
+    for name in fuzzing.corpus(tmp_path):
+        outcomes = []
+        for number, reader in enumerate(fuzzing.readers(name)):
+            try:
+                reader(tmp_path / name)
+                outcomes.append(number)
+            except (InputError, MeasurementError):
+                pass
+        read |= {(Path(name).suffix, number) for number in outcomes}
+        unread += [] if outcomes else [name]
+    assert not unread
+    for suffix in (".uff", ".npz", ".csv", ".mat", ".wav", ".lvm", ".yaml"):
+        missing = [n for n in range(len(fuzzing.readers(f"hit{suffix}"))) if (suffix, n) not in read]
+        assert not missing, (suffix, missing)
 
 
 GREEDY = """

@@ -23,6 +23,24 @@ def test_what_takes_longer_than_it_may_ends_with_1(monkeypatch, capsys, allowed,
     assert capsys.readouterr().out.startswith("`nothing` 0.")
 
 
+FRF = """
+import sys, torch, torchplate as tp
+from torchplate.plate import Mesh
+from torchplate.effects import Plate, SupportSpring
+known = {"plate.youngs_modulus": 7e10, "plate.poisson_ratio": 0.3, "plate.density": 2700.0, "plate.thickness": 3e-3}
+known |= {"wires.stiffness": 900.0, "wires.viscous_damping": 1.0}
+effects = {"plate": Plate(), "wires": SupportSpring(nodes=(2, 5))}
+model = tp.PlateModel(Mesh(0.4, 0.3, 3, 2), effects, known, {}, [3], [7])
+model.frf(torch.zeros(0, dtype=torch.float64), torch.linspace(5.0, 90.0, 9, dtype=torch.float64))
+assert "torch" in sys.modules and "sympy" not in sys.modules
+"""
+
+
+def test_an_frf_is_had_without_sympy():
+    # A third of a second, which `torch.broadcast_shapes` takes when it is first called.
+    assert house.seconds(["-c", FRF]) > 0
+
+
 @pytest.mark.check
 def test_the_package_is_imported_and_its_help_is_said_in_the_seconds_allowed():
     assert house.main(["--times", "3"]) == 0

@@ -18,11 +18,21 @@ def put(text: str, ends: tuple[str, str], new: str) -> str:
     return f"{before}{ends[0]}\n{new}\n{ends[1]}{after}"
 
 
-def commit() -> str:
-    """What is measured: the commit of this package; "-dirty" where files differ from it, "" outside of a repository."""
-    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
-    done = subprocess.run(asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
-    return done.stdout.strip()
+def commit(at: Path = Path(__file__).parent) -> str:
+    """What is measured: the commit of this package; "-dirty" where files differ from it, "" outside of a repository.
+
+    Those of the documentation, where figures go, may differ: else the second command of two would measure another code.
+
+    Args:
+        at: a folder of the repository.
+    """
+    asked = (
+        ["git", "describe", "--always", "--exclude=*"],
+        ["git", "status", "--porcelain", "--untracked-files=no", "--", ":(top)", ":(top,exclude)docs"],
+    )
+    done = [subprocess.run(words, cwd=at, capture_output=True, text=True, check=False) for words in asked]
+    found, differs = (one.stdout.strip() for one in done)
+    return f"{found}-dirty" if found and differs else found
 
 
 def _parts(text: str, ends: tuple[str, str]) -> tuple[str, str, str]:

@@ -1,5 +1,6 @@
 """Where each channel sits on the plate: by its coordinates, or by its node's number on the grid."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -166,7 +167,7 @@ class _Grid:
         assert channel.coordinate is not None
         x, y, _ = channel.coordinate
         on_x, on_y = min(max(x, 0.0), self.length_x), min(max(y, 0.0), self.length_y)
-        outside = ((x - on_x) ** 2 + (y - on_y) ** 2) ** 0.5
+        outside = math.hypot(x - on_x, y - on_y)
         name = channel.label if channel.node else "each point"
         longer = max(self.length_x, self.length_y)
         if not outside <= OFF_PLATE * longer:
@@ -187,7 +188,7 @@ class _Grid:
             label=channel.label,
             place=(on_x / self.length_x, on_y / self.length_y),
             nearest_node=row * (self.n_x + 1) + column + 1,
-            distance=((x - node_x) ** 2 + (y - node_y) ** 2) ** 0.5,
+            distance=math.hypot(x - node_x, y - node_y),
             outside=outside,
         )
 

@@ -6,6 +6,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from torchplate.plate import common_shape
+
 # Dofs up to which batches of complex matrices are seen to be right with any number of threads.
 SOLVED_TOGETHER = 100
 
@@ -35,5 +37,5 @@ def stack_rows(
     first: Float[Tensor, "*#batch n_first n"], second: Float[Tensor, "*#batch n_second n"]
 ) -> Float[Tensor, "*batch n_both n"]:
     """Rows under rows, whatever batch each has."""
-    batch = torch.broadcast_shapes(first.shape[:-2], second.shape[:-2])
+    batch = common_shape(first.shape[:-2], second.shape[:-2])
     return torch.cat([rows.expand(*batch, *rows.shape[-2:]) for rows in (first, second)], dim=-2)

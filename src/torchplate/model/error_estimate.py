@@ -8,6 +8,8 @@ member but no solve with them.
 """
 
 import functools
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -24,6 +26,64 @@ N_LINE_CHECKED = 8
 N_PEAK, N_PEAK_FINE = 32, 8
 
 
+class Full(NamedTuple):
+    """What the full model says of some members; reduced ones are held against it.
+
+    Attributes:
+        theta: the members.
+        frequency: lines of the FRFs [Hz].
+        frf: at these lines; None if none are wanted.
+        natural: so many lowest natural frequencies [Hz]; None if none are wanted.
+    """
+
+    theta: Float[Tensor, "n_member n_parameter"]
+    frequency: Float[Tensor, " n_frequency"] | None
+    frf: Complex[Tensor, "n_member n_frequency n_response n_reference"] | None
+    natural: Float[Tensor, "n_member n_mode"] | None
+
+    def error(self, reduced: PlateModel) -> float:
+        """Greatest error of a reduced model: of FRFs in relative norm, of natural frequencies over themselves."""
+        errors = [0.0]
+        if self.frf is not None:
+            errors.append(float(_relative(reduced.frf(self.theta, self.frequency), self.frf).max()))
+        if self.natural is not None:
+            small = reduced.natural_frequencies(self.theta, self.natural.shape[-1])
+            # Rigid-body modes of a free plate are zero up to rounding: held to the first frequency that is not.
+            floor = self.natural[self.natural > 1e-3 * self.natural.max()].min()
+            errors.append(float(((small - self.natural).abs() / self.natural.clamp(min=float(floor))).max()))
+        return max(errors)
+
+
+@torch.no_grad()
+def full_model(
+    model: PlateModel,
+    theta: Float[Tensor, "n_member n_parameter"],
+    frequency: Float[Tensor, " n_frequency"] | None = None,
+    n_mode: int = 0,
+) -> Full:
+    """What a model says of some members, without a basis.
+
+    On a mesh of more than `fine_mesh.DENSE` dofs the FRFs are solved for at `N_LINE_CHECKED` lines over the band.
+
+    Args:
+        model: the full one.
+        theta: the members.
+        frequency: lines [Hz]; None if no FRFs are wanted.
+        n_mode: number of natural frequencies.
+    """
+    frf = natural = None
+    if model.assembly.size <= fine_mesh.DENSE:
+        frf = None if frequency is None else model.frf(theta, frequency)
+        natural = model.natural_frequencies(theta, n_mode) if n_mode else None
+        return Full(theta, frequency, frf, natural)
+    if frequency is not None:
+        frequency = frequency[_spread(len(frequency)).to(frequency.device)]
+        frf = torch.stack([SparseModel(model, member).frf(frequency) for member in theta])
+    if n_mode:
+        natural = torch.stack([SparseModel(model, member).modes(n_mode).frequency[:n_mode] for member in theta])
+    return Full(theta, frequency, frf, natural)
+
+
 @torch.no_grad()
 def basis_error(
     model: PlateModel,
@@ -34,27 +94,9 @@ def basis_error(
 ) -> float:
     """Greatest error of the reduced model: of FRFs in relative norm, of natural frequencies relative to themselves.
 
-    On a mesh of more than `fine_mesh.DENSE` dofs the FRFs are compared at `N_LINE_CHECKED` lines over the band.
+    See `full_model`.
     """
-    errors = [0.0]
-    fine = model.assembly.size > fine_mesh.DENSE
-    if frequency is not None:
-        if fine:
-            frequency = frequency[_spread(len(frequency)).to(frequency.device)]
-            full = torch.stack([SparseModel(model, member).frf(frequency) for member in theta])
-        else:
-            full = model.frf(theta, frequency)
-        errors.append(float(_relative(reduced.frf(theta, frequency), full).max()))
-    if n_mode:
-        if fine:
-            full = torch.stack([SparseModel(model, member).modes(n_mode).frequency[:n_mode] for member in theta])
-        else:
-            full = model.natural_frequencies(theta, n_mode)
-        small = reduced.natural_frequencies(theta, n_mode)
-        # Rigid-body modes of a free plate are zero up to rounding; they are held to the first frequency that is not.
-        floor = full[full > 1e-3 * full.max()].min()
-        errors.append(float(((small - full).abs() / full.clamp(min=float(floor))).max()))
-    return max(errors)
+    return full_model(model, theta, frequency, n_mode).error(reduced)
 
 
 @torch.no_grad()
@@ -103,19 +145,44 @@ def _corrected(
     """Receptances of the reduced model, with the estimate of their error taken off."""
     assert reduced.assembly.basis is not None
     basis = reduced.assembly.basis.double().cpu().numpy()
-    forces = torch.cat([response, reference]).double().cpu().numpy().T
-    moved, weight = own.impedance_parts(laplace)
-    times = [part @ basis for part in moved]
+    # By reciprocity it is enough to solve for the residuals of the fewer side.
+    turned = len(response) < len(reference)
+    few, many = (rows.double().cpu().numpy() for rows in ((response, reference) if turned else (reference, response)))
+    parts, weight = own.impedance_parts(laplace)
+    times = [part @ basis for part in parts]
     lacking = own.lacking(basis)
     times[: len(lacking)] = [part + more for part, more in zip(times, lacking, strict=False)]
     small = sum(w[:, None, None] * (basis.T @ part) for part, w in zip(times, weight, strict=True))
-    motion = np.linalg.solve(small, np.broadcast_to(basis.T @ forces, (len(laplace), *(basis.T @ forces).shape)))
-    left_over = forces - sum(w[:, None, None] * (part @ motion) for part, w in zip(times, weight, strict=True))
-    columns = np.moveaxis(left_over, 0, 1)
-    flexible = nominal.solve(np.stack([columns.real, columns.imag], axis=-1).reshape(len(forces), -1))
-    flexible = np.moveaxis(flexible.reshape(*columns.shape, 2) @ np.array([1, 1j]), 0, 1)
-    found = (basis.T @ forces).T @ motion + np.swapaxes(left_over, 1, 2) @ flexible
-    return torch.from_numpy(found[:, : len(response), len(response) :].copy()).to(laplace)
+    motion_few, motion_many = (_motion(small, basis.T @ rows.T) for rows in (few, many))
+    # What all parts of Z do to the basis, side by side; each part's weight goes to the motions.
+    whole = np.concatenate(times, axis=1)
+    moved_few, moved_many = (_weighted(motion, weight) for motion in (motion_few, motion_many))
+    left_over = few.T[:, None] - _product(whole, np.moveaxis(moved_few, 0, 1))
+    flexible = _product(nominal.solve, left_over)
+    # r_manyᵀ K⁻¹ r_few, with r_many = f − S c: its residuals at all lines would take more memory than all else here.
+    felt, seen = (np.moveaxis(_product(rows, flexible), 0, 1) for rows in (many, whole.T))
+    found = (many @ basis) @ motion_few + felt - np.swapaxes(moved_many, 1, 2) @ seen
+    return torch.from_numpy(np.swapaxes(found, 1, 2).copy() if turned else found).to(laplace)
+
+
+def _motion(small: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """Motions in the basis under the same loads at every line, [n_frequency, n_basis, n_load]."""
+    found: np.ndarray = np.linalg.solve(small, np.broadcast_to(load, (len(small), *load.shape)))
+    return found
+
+
+def _weighted(motion: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Motions times the weight of each part of Z, one part under the other, [n_frequency, n_part n_basis, n_load]."""
+    found: np.ndarray = (weight.T[:, :, None, None] * motion[:, None]).reshape(len(motion), -1, motion.shape[-1])
+    return found
+
+
+def _product(real: np.ndarray | Callable[[np.ndarray], np.ndarray], many: np.ndarray) -> np.ndarray:
+    """A real matrix, or a solve with one, times complex columns [n, ...], which it takes as twice as many real ones."""
+    columns = np.stack([many.real, many.imag], axis=-1).reshape(len(many), -1)
+    found = real @ columns if isinstance(real, np.ndarray) else real(columns)
+    found = found.reshape(len(found), *many.shape[1:], 2)
+    return found[..., 0] + 1j * found[..., 1]
 
 
 def _importance(frf: Complex[Tensor, "n_frequency n_response n_reference"]) -> Float[Tensor, " n_frequency"]:

@@ -286,7 +286,11 @@ class SparseModel:
         return scipy.sparse.block_array([[matrix, rows.T], [rows, own]], format="csr")
 
     def _receptance(self, laplace: Tensor, response: Tensor, reference: Tensor) -> Tensor:
-        left, right = (rows.double().cpu().numpy() for rows in (response, reference))
+        # By reciprocity it is enough to solve for the fewer side.
+        turned = len(response) < len(reference)
+        few, many = (
+            rows.double().cpu().numpy() for rows in ((response, reference) if turned else (reference, response))
+        )
         parts, weight = self.impedance_parts(laplace)
         lines = []
         for line in weight.T:
@@ -295,7 +299,8 @@ class SparseModel:
             solve = _with_low_rank(
                 _cut(_solver(whole.tocsc()), impedance.shape[0], whole.shape[0]), self._low_rank(line)
             )
-            lines.append(left @ solve(right.T.astype(complex)))
+            found = many @ solve(few.T.astype(complex))
+            lines.append(found.T if turned else found)
         return torch.from_numpy(np.stack(lines)).to(laplace)
 
 

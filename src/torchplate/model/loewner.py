@@ -26,6 +26,7 @@ from torchplate.model.attach import lines_last, weights
 from torchplate.model.batched import stack_rows
 from torchplate.model.impedance import Impedance, conjugate
 from torchplate.model.modal_sum import LINES_AT_ONCE, Disc, Stretch, as_real, pairs_of, times_complex
+from torchplate.plate import common_shape
 
 # Eigenvalues closer than this part of their distance to the nearest line: rounding costs 1e-16 / CLOSE of a difference,
 # and the derivative is CLOSE² off.
@@ -103,7 +104,7 @@ def _block(
     flexibility = 1 / kappa
     pole = -mu * flexibility
     sizes = (part.shape[:-1] for part in (z.eigenvalue, pole, z.force[..., 0], rows[..., 0, :], columns[..., 0, :]))
-    pole = pole.expand(*torch.broadcast_shapes(*sizes, weight.shape[2:-1]), pole.shape[-1])
+    pole = pole.expand(*common_shape(*sizes, weight.shape[2:-1]), pole.shape[-1])
     # Features are [*batch, feature, line] here: of near modes, and of a series for all others, as in the modal sum.
     stretch = Stretch.around(Disc.around(pole, z.eigenvalue), z.eigenvalue)
     n_near, feature = stretch.last - stretch.first, stretch.features(z.eigenvalue, pole)

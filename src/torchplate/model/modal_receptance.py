@@ -19,7 +19,7 @@ from torch import Tensor
 from torchplate.model.attach import attach, lines_last, pulls
 from torchplate.model.batched import joined, solve_each, stack_rows
 from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum, pairs_of
-from torchplate.plate import Proportional, is_vmapped
+from torchplate.plate import Proportional, common_shape, is_vmapped
 
 # Impedances solved at once, so that they stay in the cache [bytes].
 IN_CACHE = 4 * 2**20
@@ -110,7 +110,7 @@ def receptance(
     for part in system.stretches():
         kappa, mu = part.proportional.at(part.laplace)
         batches = (part.eigenvalue.shape[:-1], left.shape[:-2], right.shape[:-2], part.force.shape[:-2])
-        shape = torch.broadcast_shapes(*batches, kappa.shape[:-1], mu.shape[:-1])
+        shape = common_shape(*batches, kappa.shape[:-1], mu.shape[:-1])
         flexibility = 1 / kappa
         z = (-mu * flexibility).expand(*shape, part.laplace.shape[-1])
         found = modal_sum(part.eigenvalue, left, right, z)
@@ -135,7 +135,7 @@ def _with_own_loss(system: ModalSystem, hysteretic: Tensor, response: Tensor, re
     tied = system.dashpot[..., None, :, :].to(system.laplace)
     hysteretic, columns = 1j * hysteretic[..., None, :, :], reference.mT[..., None, :, :].to(system.laplace)
     sizes = (system.eigenvalue.shape[:-1], hysteretic.shape[:-3], system.dashpot.shape[:-2], system.force.shape[:-2])
-    n_member = torch.broadcast_shapes(*sizes).numel()
+    n_member = common_shape(*sizes).numel()
     parts = []
     for part in system.split(max(1, IN_CACHE // (16 * n_member * system.eigenvalue.shape[-1] ** 2))):
         coupling = tied.mT @ (part.force.mT[..., None] * tied)
@@ -163,7 +163,7 @@ def _by_uncoupled_modes(system: ModalSystem, own_loss: Tensor, response: Tensor,
     attached, n_attached = system.dashpot, system.dashpot.shape[-2]
     pairs = pairs_of(stack_rows(attached, fewer), attached)
     parts = []
-    n_member = torch.broadcast_shapes(system.eigenvalue.shape[:-1], own_loss.shape[:-1], pairs.shape[:-2]).numel()
+    n_member = common_shape(system.eigenvalue.shape[:-1], own_loss.shape[:-1], pairs.shape[:-2]).numel()
     for part in system.split(max(LINES_AT_ONCE, LINES_OF_ALL // n_member)):
         real, imaginary = part.denominator()
         imaginary = imaginary + own_loss[..., None, :]
@@ -176,7 +176,7 @@ def _by_uncoupled_modes(system: ModalSystem, own_loss: Tensor, response: Tensor,
             parts.append(found.unflatten(-2, (fewer.shape[-2], more.shape[-2])))
             continue
         felt = torch.complex(pairs @ real, pairs @ imaginary)
-        batch = torch.broadcast_shapes(felt.shape[:-2], more.shape[:-2], part.force.shape[:-2])
+        batch = common_shape(felt.shape[:-2], more.shape[:-2], part.force.shape[:-2])
         felt = felt.expand(*batch, *felt.shape[-2:]).unflatten(-2, (-1, n_attached)).movedim((-3, -2), (0, 1))
         force = lines_last(part.force, len(batch)).expand(n_attached, *felt.shape[2:])
         pull = torch.stack(pulls(felt, force), dim=-2)

@@ -11,7 +11,7 @@ if not, it keeps fainter directions, takes more modes and members in, and is mea
 
 import copy
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -19,7 +19,7 @@ from torch import Tensor
 from torch.quasirandom import SobolEngine
 
 from torchplate.model import fine_mesh
-from torchplate.model.error_estimate import basis_error, estimated_error, relative_error
+from torchplate.model.error_estimate import Full, basis_error, estimated_error, full_model, relative_error
 from torchplate.model.fine_mesh import SparseModel
 from torchplate.model.modal_sum import CLOSE, EXACT
 from torchplate.model.plate_model import PlateModel
@@ -78,6 +78,9 @@ def reduce(
         # Solves of a fine mesh are dear: one member is compared, and fewer are estimated.
         probes, more, ends = [probe[:1] for probe in probes], more[:N_ESTIMATED_FINE], ends[:N_ESTIMATED_FINE]
     estimated, seen = torch.cat([ends, more]), torch.cat([ends, more, *probes[:2]])
+    if not model.names:
+        # All of these are one.
+        estimated, seen = more, more
     if factors(model.assembly, model.plan(build[0]), model.plan(everyone)) is not None:
         # All have the modes of the first.
         build = build[:1]
@@ -96,23 +99,30 @@ def reduce(
     if not model.names:
         # More modes of the only member take less than another look at it.
         rounds = rounds[2:]
+    columns: _Columns | None = None
+    full: Full | None = None
     for turn, ((margin, independent), probe) in enumerate(rounds):
-        basis = ritz_basis(model, build, frequency, n_mode, margin, independent)
+        if columns is None or columns.margin != margin:
+            columns = _ritz_columns(model, build, frequency, n_mode, margin)
+        basis = columns.independent(independent)
         if basis.shape[-1] > model.assembly.size // 2:
             return None
         reduced = model.projected(basis)
         if frequency is not None and (whole := _sharing(model, reduced, everyone)) is not None:
             reduced = _enough_terms(whole, seen, frequency, tolerance)[0]
-        error = basis_error(model, reduced, probe, frequency, n_mode)
+        if full is None:
+            full = full_model(model, probe, frequency, n_mode)
+        error, others = full.error(reduced), [full.theta]
         if frequency is not None and error <= tolerance:
             errors = estimated_error(model, reduced, estimated, frequency)
             error = max(error, _of_all(errors))
-            probe = torch.cat([probe, estimated[errors.argmax(), None]])
+            others.append(estimated[errors.argmax(), None])
         if error <= tolerance:
             return reduced, error
         if turn > 1 and model.names:
-            # Before others are taken in, fainter directions of the same members are, and more of their modes.
-            build = torch.cat([build, probe])
+            # Before others are taken in, fainter directions of the same members are, and more of their modes: held
+            # against the same members, from which these are not built either.
+            build, columns, full = torch.cat([build, *others]), None, None
     return None
 
 
@@ -225,6 +235,24 @@ def ritz_basis(
     independent: float = INDEPENDENT,
 ) -> Float[Tensor, "n_free n_basis"]:
     """Modes and residuals of all given members, M-orthonormal at the first."""
+    return _ritz_columns(model, theta, frequency, n_mode, margin).independent(independent)
+
+
+class _Columns(NamedTuple):
+    """Modes and residuals of some members as they were found, and the combinations of them that are M-orthogonal."""
+
+    margin: float
+    stack: Float[Tensor, "n_free n_column"]
+    strength: Float[Tensor, " n_column"]
+    direction: Float[Tensor, "n_column n_column"]
+
+    def independent(self, least: float) -> Float[Tensor, "n_free n_basis"]:
+        """Those that are not less than a part of the strongest, M-orthonormal."""
+        kept = self.strength > least * self.strength[-1]
+        return self.stack @ self.direction[:, kept] / self.strength[kept].sqrt()
+
+
+def _ritz_columns(model: PlateModel, theta: Tensor, frequency: Tensor | None, n_mode: int, margin: float) -> _Columns:
     top = 0.0 if frequency is None else margin * float(frequency.max())
     columns = []
     first: SparseModel | None = None
@@ -250,9 +278,7 @@ def ritz_basis(
     stack = torch.cat(columns, dim=-1)
     assert first is not None
     gram = stack.mT @ first.times_mass(stack)
-    strength, direction = torch.linalg.eigh(0.5 * (gram + gram.mT))
-    kept = strength > independent * strength[-1]
-    return stack @ direction[:, kept] / strength[kept].sqrt()
+    return _Columns(margin, stack, *torch.linalg.eigh(0.5 * (gram + gram.mT)))
 
 
 def _patch_forces(sparse: SparseModel, modes: Float[Tensor, "n n_mode"]) -> Float[Tensor, "n_row n"]:

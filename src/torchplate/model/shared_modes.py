@@ -28,7 +28,17 @@ from torchplate.model.attached_sum import Rows, attached_sum
 from torchplate.model.batched import stack_rows
 from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, reciprocal
 from torchplate.model.modes import solve_modes
-from torchplate.plate import REMEMBERED, Assembly, Plan, Proportional, Sprung, concatenate, is_vmapped, transformed
+from torchplate.plate import (
+    REMEMBERED,
+    Assembly,
+    Plan,
+    Proportional,
+    Sprung,
+    common_shape,
+    concatenate,
+    is_vmapped,
+    transformed,
+)
 
 # Attaching terms one after the other costs the square of their number; with more, one `eigh` each is cheaper.
 MOST_TERMS = 12
@@ -148,7 +158,7 @@ class SharedModes(nn.Module):
         kappa, mu = damping.at(laplace)
         parts = (*attached[1:4], *(part for _, own in attached.sprung for part in own), kappa, mu)
         values = [part.shape[:-1] for part in parts if part is not None]
-        batch = torch.broadcast_shapes(e.shape, m.shape, *values, *(side.shape[:-2] for side in sides))
+        batch = common_shape(e.shape, m.shape, *values, *(side.shape[:-2] for side in sides))
         flexibility = reciprocal(e[..., None] * kappa)
         # Of the whole batch, also where only terms or places differ between the members.
         z = (-m[..., None] * mu * flexibility).expand(*batch, laplace.shape[-1])

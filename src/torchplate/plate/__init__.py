@@ -20,7 +20,18 @@ from torchplate.plate.laminate import laminate
 from torchplate.plate.material import MATERIALS, Material, find_material
 from torchplate.plate.mesh import EDGES, Mesh
 from torchplate.plate.power_law import LOWEST_FREQUENCY, REFERENCE_FREQUENCY
-from torchplate.plate.section import STIFFEST, Geometry, Local, Plan, Proportional, Section, Sprung, System, concatenate
+from torchplate.plate.section import (
+    STIFFEST,
+    Geometry,
+    Local,
+    Plan,
+    Proportional,
+    Section,
+    Sprung,
+    System,
+    common_shape,
+    concatenate,
+)
 from torchplate.plate.transforms import REMEMBERED, is_vmapped, transformed
 from torchplate.plate.wavelength import (
     ELEMENTS_PER_WAVELENGTH,
@@ -55,6 +66,7 @@ __all__ = [
     "System",
     "Unevenness",
     "bending_wavelength",
+    "common_shape",
     "concatenate",
     "dragged",
     "elements_for",

@@ -74,10 +74,11 @@ def svg(figure: Figure, name: str, told: str) -> str:
 
 
 def _lay_out(figure: Figure) -> None:
-    """Lay a figure out once; a layout engine would draw it twice each time that it is saved."""
+    """Lay a figure out once. While it has an engine, be it one that does nothing, saving it draws it twice."""
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)
-        figure.set_layout_engine("none")
+        with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)
 
 
 def _variable(colour: str) -> str:
