@@ -5,7 +5,7 @@ import copy
 import pytest
 import torch
 
-from torchplate.model import Searched, SparseModel, basis_error, error_estimate, estimated_error, fine_mesh
+from torchplate.model import Searched, SparseModel, basis_error, error_estimate, estimated_error, extrapolate, fine_mesh
 from torchplate.model.error_estimate import _importance
 from torchplate.model.reduced_basis import ritz_basis
 from torchplate.plate import Mesh
@@ -89,6 +89,17 @@ def test_which_lines_count_hangs_on_no_unit(plates) -> None:
     # Receptances of a stiff plate in m/N are below 1e-6; here smaller ones, and some larger.
     for unit in (1e-12, 1e9):
         torch.testing.assert_close(_importance(unit * frf), _importance(frf), rtol=1e-9, atol=0)
+
+
+def test_the_estimate_knows_what_elements_lose_on_a_mesh_whose_error_is_taken_off(plates) -> None:
+    model, _, theta, frequency = made(plates, MESHES["rectangle"], loss=0.2)
+    corrected = extrapolate(model, float(frequency[-1])).model
+    middle = model.space.to_si(torch.full((1, len(model.names)), 0.5, dtype=torch.float64))
+    reduced = corrected.projected(ritz_basis(corrected, middle, frequency, 0, 2.0))
+    ratio = estimated_error(corrected, reduced, theta, frequency) / true_error(corrected, reduced, theta, frequency)
+    # As without a correction.
+    assert float(ratio.min()) > 0.3
+    assert float(ratio.max()) < 3.0
 
 
 def test_the_estimate_is_the_same_where_responses_and_references_change_places(plates, monkeypatch) -> None:

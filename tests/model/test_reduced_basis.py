@@ -109,6 +109,16 @@ def test_a_mass_whose_place_is_searched_gets_a_good_basis_or_none(searched, tole
         assert frf_error(model, answer[0], members(model, 8)) < BEYOND_CHECKED * tolerance
 
 
+def test_strong_springs_get_as_many_terms_of_the_far_modes_as_they_need():
+    # Of plates that share their modes, on springs from soft to much stiffer than the plate where they are: what is
+    # attached is found by a difference, in which the usual number of terms leaves too few digits.
+    stiff = {"plate.youngs_modulus": BOX["plate.youngs_modulus"], "wires.stiffness": Searched(1e4, 1e6, True)}
+    model = plate(MESHES["rectangle"], stiff)
+    answer = reduce(model, FREQUENCY, tolerance=TOLERANCE)
+    assert answer is not None
+    assert frf_error(model, answer[0], members(model, 6)) < BEYOND_CHECKED * TOLERANCE
+
+
 def test_no_basis_is_offered_where_only_the_whole_model_would_do():
     # The band reaches the last of 36 modes.
     model = plate(Mesh(0.47, 0.31, 3, 2))

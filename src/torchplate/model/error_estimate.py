@@ -150,8 +150,7 @@ def _corrected(
     few, many = (rows.double().cpu().numpy() for rows in ((response, reference) if turned else (reference, response)))
     parts, weight = own.impedance_parts(laplace)
     times = [part @ basis for part in parts]
-    lacking = own.lacking(basis)
-    times[: len(lacking)] = [part + more for part, more in zip(times, lacking, strict=False)]
+    times = [part + more for part, more in zip(times, own.lacking(basis), strict=True)]
     small = sum(w[:, None, None] * (basis.T @ part) for part, w in zip(times, weight, strict=True))
     motion_few, motion_many = (_motion(small, basis.T @ rows.T) for rows in (few, many))
     # What all parts of Z do to the basis, side by side; each part's weight goes to the motions.

@@ -53,9 +53,15 @@ class SparseModel:
         self._factor: Any = None
         # What a finer mesh would add is of low rank and dense: it stays beside the sparse stiffness.
         self.correction: tuple[np.ndarray, np.ndarray] | None = None
+        # The same of the stiffness that is lost in the elements.
+        self._lost: np.ndarray | None = None
         if (more := model.assembly.correction) is not None:
-            scale = more.scale(self.plan.section.rigidity, self.plan.geometry)
+            section = self.plan.section
+            scale = more.scale(section.rigidity, self.plan.geometry)
             self.correction = more.rows.cpu().numpy(), (scale * more.stiffness.to(scale)).cpu().numpy()
+            if self.hysteretic is not None:
+                scale = more.scale(section.lossy_rigidity, self.plan.geometry)
+                self._lost = (scale * more.stiffness.to(scale)).cpu().numpy()
         self._terms = self._local_terms()
         self._spread = [_Spread(model, one) for one in self.plan.added]
 
@@ -86,17 +92,19 @@ class SparseModel:
         return row.numpy(), shape.numpy(), torch.stack([*parts, *(own.to(row) for own in of_hung)]).double().numpy()
 
     def lacking(self, columns: np.ndarray) -> list[np.ndarray | float]:
-        """What the sparse K, M and C, and each mass on a spring, lack, times columns.
+        """What each of the sparse parts of Z lacks, times columns; see `impedance_parts`.
 
         That is a correction, and masses that are spread over the plate.
         """
         spread: np.ndarray | float = sum((one.times(columns) for one in self._spread), 0.0)
         none: list[np.ndarray | float] = [spread, *[0.0] * (1 + self._n_hung)]
         if self.correction is None:
-            return [0.0, *none]
+            return [0.0, *none, *[0.0] * (self.hysteretic is not None)]
         rows, middle = self.correction
         seen = rows @ columns
         found: list[np.ndarray | float] = [rows.T @ (middle @ seen), *none]
+        if self._lost is not None:
+            found.append(rows.T @ (self._lost @ seen))
         if self._terms is None:
             return found
         row, shape, parts = self._terms
@@ -108,15 +116,18 @@ class SparseModel:
         return found
 
     def _low_rank(self, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """The same as Uᵀ B U, for K, M and C times these; None where nothing is lacking."""
+        """The same as Uᵀ B U, for the parts of Z times these; None where nothing is lacking."""
         if self.correction is None:
             return None
         rows, middle = self.correction
+        corner = weight[0] * middle
+        if self._lost is not None:
+            corner = corner + weight[-1] * self._lost
         if self._terms is None:
-            return rows, weight[0] * middle
+            return rows, corner
         row, shape, parts = self._terms
         pushed = (weight[: len(parts)] @ parts)[:, None] * shape
-        corner = weight[0] * middle + shape.T @ pushed
+        corner = corner + shape.T @ pushed
         empty = np.zeros((len(row), len(row)))
         return np.concatenate([rows, row]), np.block([[corner, pushed.T], [pushed, empty]])
 
