@@ -22,7 +22,6 @@ Map:
     frame: where the plate lies in the file's coordinates
     nodes: a table of coordinates, for files without any
     geometry: sides, axes and unit of the plate, proposed from the points of a test
-    prominence: peaks that stand out of a row of numbers
     quality: driving points, reciprocity, coherence, noise between lines, peaks, suspicious channels
     plausibility: whether a model and a measurement can belong together: frequencies, kind and level
     recording: time records of hits, cut and checked

@@ -13,7 +13,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.measurement.measurement import Channel, Measurement
-from torchplate.measurement.prominence import prominent
 from torchplate.notation import percent
 
 SAME_PLACE: Final = 1e-4
@@ -228,10 +227,13 @@ def peaks(measurement: Measurement, prominence: float = 3.0) -> list[float]:
         measurement: At least three lines, or there is no peak.
         prominence: By how much a peak stands over the higher of its two flanking valleys [dB], > 0.
     """
+    from scipy.signal import find_peaks  # here: half of what importing this package takes
+
     amplitude = summed_amplitude(measurement)
     # A floor 200 dB down keeps a dead line from becoming an infinite valley.
     decibel = 20 * torch.log10(amplitude.clamp(min=1e-10 * max(float(amplitude.max()), 1e-300)))
-    return [float(measurement.frequency[int(i)]) for i in prominent(decibel.numpy(), prominence)]
+    index, _ = find_peaks(decibel.numpy(), prominence=prominence)
+    return [float(measurement.frequency[int(i)]) for i in index]
 
 
 def suspicions(
