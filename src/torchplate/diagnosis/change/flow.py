@@ -71,7 +71,7 @@ def what_changed(
         reference: the test before.
         after: the test after.
         own: common parameters that have a value of their own in each test: they change without being named.
-        seed: of the choice of held-out FRFs.
+        seed: of the choice of held-out FRFs, and of draws.
         say: is told what is being tried.
         settings: what is taken for granted.
         as_given: on the mesh as it is, with its error, which is the same in both tests.
@@ -85,7 +85,7 @@ def what_changed(
             "Expected FRFs in both tests, or natural frequencies in both, got one of each. Give the same kind."
         )
     if after.measurement is None:
-        return tables_changed(reference, after, own=own, say=say, settings=settings)
+        return tables_changed(reference, after, own=own, seed=seed, say=say, settings=settings)
     began = time.monotonic()
     comparing, noise = comparing_of(reference, after, own, seed, say, settings, as_given)
     none = state = comparing.none()

@@ -4,7 +4,7 @@ How a change is fitted, and what is compared, says `table_fit`.
 """
 
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,16 @@ from torchplate.diagnosis.candidates.channels import Channels
 from torchplate.diagnosis.change.changes import Change, allowed, n_names, parameters_that_moved
 from torchplate.diagnosis.change.posterior import Choice, Weighed, choose
 from torchplate.diagnosis.change.settings import ChangeSettings
-from torchplate.diagnosis.change.table_fit import TableFit, Tables, fitted, frozen, log_frequency, none_of, theta_of
+from torchplate.diagnosis.change.table_fit import (
+    TableFit,
+    Tables,
+    fitted,
+    frozen,
+    integrated,
+    log_frequency,
+    none_of,
+    theta_of,
+)
 from torchplate.diagnosis.change.table_summary import summarise_tables
 from torchplate.diagnosis.change.together import apart, fitted_together
 from torchplate.diagnosis.result import Diagnosis
@@ -42,6 +51,7 @@ def tables_changed(
     after: "PlateTest",
     *,
     own: Collection[str],
+    seed: int,
     say: Callable[[str], object],
     settings: ChangeSettings,
 ) -> Diagnosis:
@@ -51,6 +61,7 @@ def tables_changed(
         reference: the test before.
         after: the test after.
         own: parameters with a value of their own in each test.
+        seed: of the draws by which likelihoods are integrated.
         say: is told what is being tried.
         settings: what is taken for granted.
 
@@ -61,6 +72,7 @@ def tables_changed(
     tables = _tables(reference, after, settings)
     tables = replace(tables, variance=tables.variance + _by_own(tables, own))
     comparison = Comparison()
+    generator = torch.Generator().manual_seed(seed)
     first = none = none_of(tables)
     named: list[tuple[TableFit, Choice]] = []
     tried: list[list[TableFit]] = []
@@ -68,15 +80,11 @@ def tables_changed(
         taken = {*own, *(fit.change.name for fit, _ in named if fit.change is not None and not fit.change.candidate)}
         changes = [change for change in _changes(tables, after) if change.name not in taken]
         say(f"{len(changes)} changes beside {none.chi_square:.4g} of {len(tables.mode)} frequencies")
-        fits = [
-            fit
-            for change in changes
-            for gone in ((False, True) if _may_go(change) else (False,))
-            if (fit := fitted(tables, change, gone, settings)) is not None
-        ]
+        fits = [fit for change in changes for fit in _both_ways(tables, change, settings)]
         if not fits:
             break
         fits += fitted_together(tables, fits, settings.most_of_table - len(named), settings)
+        fits = _within_reach(fits, generator, settings)
         tried.append(fits)
         weighed = [_weighed(fit, len(tables.mode)) for fit in fits]
         empty = Weighed(None, none.evidence, none.cost)
@@ -92,6 +100,19 @@ def tables_changed(
     return summarise_tables(tables, first, none, named, tried, (reference, after), time.monotonic() - began)
 
 
+def _both_ways(tables: Tables, change: Change, settings: ChangeSettings) -> list[TableFit]:
+    """A change that came, and one that went where it may have been there before: two options of one name."""
+    ways = (False, True) if _may_go(change) else (False,)
+    one = replace(change, n_option=len(ways) * change.n_option)
+    return [fit for gone in ways if (fit := fitted(tables, one, gone, settings)) is not None]
+
+
+def _within_reach(fits: Sequence[TableFit], generator: torch.Generator, settings: ChangeSettings) -> list[TableFit]:
+    """The same, those integrated over their boxes that may be the best or as good."""
+    least = min(fit.evidence for fit in fits)
+    return [integrated(fit, generator, settings) if fit.evidence < least + TABLE.far else fit for fit in fits]
+
+
 def limit(n: int, freedom: float) -> float:
     """χ² of so many frequencies that scatter alone exceeds as seldom as the diagnosis of a table has it."""
     import scipy.stats  # here: a third of what importing this package takes
@@ -100,7 +121,7 @@ def limit(n: int, freedom: float) -> float:
 
 
 def _with_change(tables: Tables, fit: TableFit) -> Tables:
-    """The tables beside a change that was found, which is as uncertain as it was found."""
+    """The tables beside a change that was found, as uncertain as it was found and as the modes' shapes are."""
     numbers = fit.model.replaced(known=fit.model.as_dict(fit.model.space.to_si(fit.place)), searched={})
     # What is common is searched again.
     plain = tables.model if fit.gone else tables.after
@@ -110,6 +131,8 @@ def _with_change(tables: Tables, fit: TableFit) -> Tables:
     changed = numbers.replaced(known=known, searched=back)
     slope = fit.slope
     variance = tables.variance + slope @ fit.covariance @ slope.mT
+    if fit.posed is not None:
+        variance = variance + torch.diag((fit.posed.shape * (fit.predicted - fit.posed.none)).square())
     if fit.gone:
         return replace(tables, model=changed, variance=variance)
     return replace(tables, after=changed, variance=variance)

@@ -9,7 +9,8 @@ common, p what has changed and p₀ what leaves the model as it was,
 C the covariance of u as the reference leaves it, where each mode may be off by `mode_stiffness`, and G what a change of
 u makes of the right side. What p does to a mode is besides as uncertain as the model's shapes (`ChangeSettings.shape`).
 κ² ~ inverse gamma(ν/2, ν/2) integrates out as in `diagnosis.table.evidence`. What went away was there before: both
-sides change places. Several minima of a hypothesis, each by Laplace's approximation, add up.
+sides change places. Several minima of a hypothesis, each by Laplace's approximation, add up; those that may be the best
+are integrated over their boxes (`integral`).
 """
 
 import functools
@@ -23,6 +24,7 @@ from torch import Tensor
 from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.change.changes import Change
+from torchplate.diagnosis.change.integral import Peak, integrate
 from torchplate.diagnosis.change.settings import ChangeSettings
 from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.diagnosis.selection.criterion import UNIFORM
@@ -80,8 +82,10 @@ class TableFit:
         predicted: ln of the ratio of frequencies.
         slope: of that, over what has changed.
         chi_square: of what is left.
-        evidence: −2 ln Z, all minima together.
+        evidence: −2 ln Z: by Laplace's method, all minima together, or over the whole box.
         cost: −2 ln L.
+        posed: what was fitted; None where nothing was.
+        peaks: the minima.
     """
 
     change: Change | None
@@ -94,6 +98,59 @@ class TableFit:
     chi_square: float
     evidence: float
     cost: float
+    posed: "Posed | None" = None
+    peaks: tuple[Peak, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """One hypothesis, ready to be evaluated.
+
+    Attributes:
+        tables: what it is held against.
+        model: with it, what has changed searched and all else numbers.
+        sign: −1 where it was there before.
+        base: logarithms of the frequencies of the test in which it is not.
+        none: ln of the ratio of frequencies where nothing has changed.
+        shape: relative error of what it does to a mode [-].
+    """
+
+    tables: Tables
+    model: PlateModel
+    sign: float
+    base: Float[Tensor, " n_mode"]
+    none: Float[Tensor, " n_mode"]
+    shape: float
+
+    def predicted(self, places: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n_mode"]:
+        """Ln of the ratio of frequencies."""
+        found = log_frequency(self.model, self.model.space.to_si(places), self.tables.mode)
+        return self.sign * (found - self.base)
+
+    def lower(
+        self, predicted: Float[Tensor, "*batch n_mode"], common: Float[Tensor, "n_mode n_mode"]
+    ) -> Float[Tensor, "*batch n_mode n_mode"]:
+        """The Cholesky factor of S, what is common and the modes' shapes in it."""
+        shapes = torch.diag_embed((self.shape * (predicted - self.none)).square())
+        return torch.linalg.cholesky(self.tables.variance + common + shapes)
+
+    def over(
+        self, lower: Float[Tensor, "*factor n_mode n_mode"], predicted: Float[Tensor, "*batch n_mode"]
+    ) -> Float[Tensor, "*batch n_mode"]:
+        """What is left, over that factor."""
+        left = (predicted - self.tables.ratio).unsqueeze(-1)
+        return torch.linalg.solve_triangular(lower, left, upper=False).squeeze(-1)
+
+    def cost(
+        self, places: Float[Tensor, "n_draw n"], common: Float[Tensor, "n_mode n_mode"]
+    ) -> Float[Tensor, " n_draw"]:
+        """−2 ln L of members, each beside what its own change leaves open."""
+        predicted = self.predicted(places)
+        lower = self.lower(predicted, common)
+        chi_square = self.over(lower, predicted).square().sum(dim=-1)
+        nu, n = self.tables.freedom, len(self.tables.mode)
+        logdet = 2 * lower.diagonal(dim1=-2, dim2=-1).log().sum(dim=-1)
+        return (nu + n) * torch.log1p(chi_square / nu) + logdet
 
 
 def log_frequency(model: PlateModel, theta: Float[Tensor, "*batch n"], mode: Tensor) -> Float[Tensor, "*batch n_mode"]:
@@ -136,10 +193,10 @@ def none_of(tables: Tables) -> TableFit:
     """Nothing changed but what both configs say."""
     model = frozen(tables, None)
     zero = numbers(tables, True) - numbers(tables, False)
-    left = tables.ratio - zero
-    chi_square = float(left @ torch.linalg.solve(tables.variance, left))
-    cost = _log_evidence(tables, chi_square, float(torch.linalg.slogdet(tables.variance).logabsdet))
-    nothing = left.new_zeros(0)
+    left, nothing = tables.ratio - zero, tables.ratio.new_zeros(0)
+    variance = tables.variance + _by_common(tables, None, False, model, nothing)
+    chi_square = float(left @ torch.linalg.solve(variance, left))
+    cost = _log_evidence(tables, chi_square, float(torch.linalg.slogdet(variance).logabsdet))
     return TableFit(
         None, False, model, nothing, left.new_zeros(0, 0), zero, left.new_zeros(len(left), 0), chi_square, cost, cost
     )
@@ -148,30 +205,23 @@ def none_of(tables: Tables) -> TableFit:
 def fitted(tables: Tables, change: Change, gone: bool, settings: ChangeSettings) -> TableFit | None:
     """The minima of one hypothesis; None where it says nothing."""
     model = frozen(tables, change, gone)
-    n, sign = len(model.names), -1.0 if gone else 1.0
+    n = len(model.names)
     if not n:
         return None
-    here = numbers(tables, after=gone)
     none = numbers(tables, True) - numbers(tables, False)
+    shape = settings.shape * tables.missed
+    posed = Posed(tables, model, -1.0 if gone else 1.0, numbers(tables, after=gone), none, shape)
 
-    def predicted(places: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n_mode"]:
-        return sign * (log_frequency(model, model.space.to_si(places), tables.mode) - here)
+    def over(lower: Tensor, places: Tensor) -> Tensor:
+        return posed.over(lower, posed.predicted(places))
 
     library = SobolEngine(n).draw(1 + settings.n_library * min(n, 3), dtype=torch.float64)[1:].to(model.known)
     whole = torch.linalg.cholesky(tables.variance)
-
-    def over(lower: Tensor, places: Tensor) -> Tensor:
-        left = predicted(places) - tables.ratio
-        return torch.linalg.solve_triangular(lower, left.unsqueeze(-1), upper=False).squeeze(-1)
-
     square = over(whole, library).square().sum(-1).nan_to_num(math.inf)
     places = library[square.argsort()[: settings.n_start]]
     for n_iteration in (12, 6):
         # What u makes of it hangs on what has changed.
-        uncertain = _by_common(tables, change, gone, model, places[0])
-        moved = predicted(places[0]) - none
-        uncertain = uncertain + torch.diag((settings.shape * tables.missed * moved).square())
-        lower = torch.linalg.cholesky(tables.variance + uncertain)
+        lower = posed.lower(posed.predicted(places[0]), _by_common(tables, change, gone, model, places[0]))
         ended = least_squares(
             functools.partial(over, lower), places, jacobian="forward", n_iteration=n_iteration, step_tolerance=1e-6
         )
@@ -189,13 +239,25 @@ def fitted(tables: Tables, change: Change, gone: bool, settings: ChangeSettings)
         covariance = torch.linalg.inv(precision)
         minima.append(
             TableFit(
-                change, gone, model, place, covariance, predicted(place), lower @ slope, chi_square, cost + occam, cost
+                change, gone, model, place, covariance, posed.predicted(place), lower @ slope, chi_square,
+                cost + occam, cost, posed,
             )
-        )
+        )  # fmt: skip
     minima = _apart(minima)
     least = min(one.evidence for one in minima)
     together = least - 2 * math.log(sum(math.exp(-0.5 * (one.evidence - least)) for one in minima))
-    return replace(min(minima, key=lambda one: one.evidence), evidence=together)
+    peaks = tuple(Peak(one.place, one.covariance) for one in minima)
+    return replace(min(minima, key=lambda one: one.evidence), evidence=together, peaks=peaks)
+
+
+def integrated(fit: TableFit, generator: torch.Generator, settings: ChangeSettings) -> TableFit:
+    """The same, its likelihood integrated over the whole box."""
+    posed = fit.posed
+    assert posed is not None
+    assert fit.change is not None
+    common = _by_common(posed.tables, fit.change, fit.gone, fit.model, fit.place)
+    found = integrate(functools.partial(posed.cost, common=common), fit.peaks, generator, settings)
+    return replace(fit, evidence=found.evidence)
 
 
 def theta_of(tables: Tables) -> Float[Tensor, " n"]:
@@ -216,10 +278,11 @@ def _apart(minima: Sequence[TableFit]) -> list[TableFit]:
 
 
 def _by_common(
-    tables: Tables, change: Change, gone: bool, whole: PlateModel, place: Float[Tensor, " n"]
+    tables: Tables, change: Change | None, gone: bool, whole: PlateModel, place: Float[Tensor, " n"]
 ) -> Float[Tensor, "n_mode n_mode"]:
-    """G C Gᵀ."""
-    names = [name for name in tables.model.names if name != change.name and name in tables.after.names]
+    """G C Gᵀ, beside a change or none."""
+    own = "" if change is None else change.name
+    names = [name for name in tables.model.names if name != own and name in tables.after.names]
     if not names:
         return torch.zeros_like(tables.variance)
     kept = [tables.model.names.index(name) for name in names]
@@ -240,5 +303,7 @@ def _by_common(
         signs = torch.tensor([1.0 if float(base[column]) < 0.5 else -1.0 for column in index]).to(base)
         return (found[1:] - found[0]) * signs[:, None] / step
 
-    slope = logs(change.applied(changed), values) - logs(plain, others.as_dict(others.known.new_zeros(0)))
+    slope = logs(changed if change is None else change.applied(changed), values) - logs(
+        plain, others.as_dict(others.known.new_zeros(0))
+    )
     return slope.mT @ covariance @ slope
