@@ -222,7 +222,7 @@ def test_a_mass_is_found_from_its_mirror_image_and_a_hopeless_one_is_not_followe
     comparing, _ = comparing_of(before, test, (), 0, lambda _: None, SETTINGS, True)
     own = {key: Searched(0.0, 1.0) for key in ("x", "y")} | {"mass": Searched(0.0, 0.2)}
     change = Change("point_mass", "one", Candidate(CATALOGUE["point_mass"](), {}, own, {"mass": 0.0}))
-    place = LUMP[1] | {"y": 1 - LUMP[1]["y"]}
+    place = LUMP[1] | {"x": 1 - LUMP[1]["x"]}
     starts, _ = comparing.after.down([change], [{f"one.{key}": value for key, value in place.items()}])
     for key, true in LUMP[1].items():
         assert starts[0][f"one.{key}"] == pytest.approx(true, abs=0.03 if key != "mass" else 0.01)
