@@ -215,6 +215,28 @@ def test_a_drift_of_all_records_is_taken_as_it_is_however_sharp_the_peaks():
     assert none.reduced_misfit < none.comparison.size_limit
 
 
+def test_a_mass_is_found_from_its_mirror_image_and_a_hopeless_one_is_not_followed():
+    """Over the line in the middle the natural frequencies are alike: the wide levels alone end there."""
+    before = PlateTest(plate(), measured(plate(TRUE), 1), imperfections=TOLD)
+    test = PlateTest(plate(), measured(plate(TRUE, lump=LUMP), 2), imperfections=TOLD)
+    comparing, _ = comparing_of(before, test, (), 0, lambda _: None, SETTINGS, True)
+    own = {key: Searched(0.0, 1.0) for key in ("x", "y")} | {"mass": Searched(0.0, 0.2)}
+    change = Change("point_mass", "one", Candidate(CATALOGUE["point_mass"](), {}, own, {"mass": 0.0}))
+    place = LUMP[1] | {"x": 1 - LUMP[1]["x"]}
+    starts, _ = comparing.after.down([change], [{f"one.{key}": value for key, value in place.items()}])
+    for key, true in LUMP[1].items():
+        assert starts[0][f"one.{key}"] == pytest.approx(true, abs=0.03 if key != "mass" else 0.01)
+    # Each end once, the best first.
+    assert len(starts) == 1 or max(abs(starts[0][f"one.{key}"] - starts[1][f"one.{key}"]) for key in "xy") > 0.05
+    wrong = [{f"one.{key}": value for key, value in place.items()}]
+    count = []
+    for hopeless in (math.inf, 1e-3):
+        begun = comparing.after.builder.n_evaluation
+        comparing.after.fit([change], wrong, hopeless=hopeless)
+        count.append(comparing.after.builder.n_evaluation - begun)
+    assert count[1] < 0.7 * count[0]
+
+
 def test_what_all_records_drift_is_no_drift_of_theirs():
     one = OfChannels(
         torch.zeros(1, 2), torch.tensor([[0.5, 1.0], [0.0, 2.0], [0.3, 0.0]]), torch.ones(1, 2), torch.ones(3, 2),

@@ -16,6 +16,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.change.changes import Change
+from torchplate.diagnosis.change.images import images
 from torchplate.diagnosis.change.reference import Reference, all_columns, eigenvalues
 from torchplate.diagnosis.change.specimen import ReferenceSpecimens
 from torchplate.diagnosis.judged import Beside, Fit, judged_beside
@@ -139,10 +140,19 @@ class After:
             left = problem.residual(empty, self.builder.target.levels - 2).square().sum()
             return (({},), 0.5 * float(left))
         places = torch.stack([_place(one.frozen, start, self.reference.values) for start in starts])
-        n_best = self.builder.target.settings.selecting.n_best
-        places, left = widely(Problem(self.builder, one.reduced, {}), places, n_best)
-        rows = one.frozen.space.to_si(places).tolist()
-        return tuple(dict(zip(one.frozen.names, row, strict=True)) for row in rows), float(left[0])
+        settings, problem = self.builder.target.settings, Problem(self.builder, one.reduced, {})
+        n_best = settings.selecting.n_best
+        places, left = widely(problem, places, n_best)
+        turned = images(one.frozen, places[0], changes[-1].label) if changes else places[:0]
+        if len(turned):
+            others, left_by_others = widely(problem, turned, n_best)
+            places, left = torch.cat([places, others]), torch.cat([left, left_by_others])
+        kept: list[int] = []
+        for k in left.argsort().tolist():
+            if all(float((places[k] - places[j]).abs().max()) > settings.searching.same for j in kept):
+                kept.append(k)
+        rows = one.frozen.space.to_si(places[kept[:n_best]]).tolist()
+        return tuple(dict(zip(one.frozen.names, row, strict=True)) for row in rows), float(left[kept[0]])
 
     def moved(self, one: Hypothesis, channels: OfChannels | None) -> Hypothesis:
         """The same with sensors and hits where they were found."""
@@ -157,6 +167,7 @@ class After:
         changes: Sequence[Change],
         starts: Sequence[Mapping[str, float]],
         channels: OfChannels | None = None,
+        hopeless: float = math.inf,
     ) -> Fit:
         """The best of some starts, at the sharp level.
 
@@ -164,13 +175,19 @@ class After:
             changes: in the model.
             starts: values of the parameters that have changed, the best first.
             channels: what each has of its own, as far as it is known.
+            hopeless: misfit from which on a way is not followed to its end [-].
         """
         fitting = self.builder.target.settings.fitting
         one = self.hypothesis(changes, starts[:1])
         names = one.frozen.names
         places = torch.stack([_place(one.frozen, start, self.reference.values) for start in starts or [{}]])
-        ends = [self._sharply(one, place, channels) for place in places[: len(places) if names else 1]]
-        best = self._drifting(one, min(ends, key=lambda end: end.fit.cost))
+        ends = []
+        for place in places[: len(places) if names else 1]:
+            ends.append(self._sharply(one, place, channels, hopeless=hopeless))
+        best = min(ends, key=lambda end: end.fit.cost)
+        if best.fit.reduced_misfit > hopeless:
+            return best.fit
+        best = self._drifting(one, best)
         if not names:
             return best.fit
         for _ in range(self.reference.settings.n_turn - 1):
@@ -216,7 +233,12 @@ class After:
         return self._sharply(one, best[1].place, best[1].channels, best[1].common)
 
     def _sharply(
-        self, one: Hypothesis, place: Float[Tensor, " n"], channels: OfChannels | None = None, common: float = 0.0
+        self,
+        one: Hypothesis,
+        place: Float[Tensor, " n"],
+        channels: OfChannels | None = None,
+        common: float = 0.0,
+        hopeless: float = math.inf,
     ) -> "End":
         """Least squares beside channels as they are, then the channels anew beside what has changed, in turns.
 
@@ -236,6 +258,8 @@ class After:
                     if there.fit.cost < before:
                         here = there
                         break
+            if here.fit.reduced_misfit > hopeless:
+                break
             fallen = before - here.fit.cost
             for _ in range(self.reference.settings.n_turn):
                 settled = self._judged(one, here.place, here.seen, common)

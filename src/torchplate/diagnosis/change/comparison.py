@@ -1,5 +1,6 @@
 """All that may have changed beside one model: tried, the most promising refitted, and compared."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -103,7 +104,9 @@ class Comparing:
                 continue
             if fits and promised > hopeless * min(one.reduced_misfit for one in fits.values()):
                 continue
-            found = self.after.fit([*state.changes, change], starts, channels)
+            least = min((one.reduced_misfit for one in fits.values()), default=math.inf)
+            limit = target.settings.selecting.hopeless_rival * least
+            found = self.after.fit([*state.changes, change], starts, channels, limit)
             self.say(f"  {change.name}: misfit {found.reduced_misfit:.4g}")
             fits[change.key], tried[change.key] = found, change
         if not fits:
