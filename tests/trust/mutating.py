@@ -395,7 +395,10 @@ def main() -> int:
     drawn = sample(found, given.mutants, given.seed)
     source = given.again or (given.results if given.resume and given.results.exists() else None)
     kept = json.loads(source.read_text()) if source else {"seconds": 0.0, "results": []}
-    before = {} if given.resume else {one["key"]: one["by"] for one in kept["results"]}
+    # Some faults have one key: two numbers of one function that are alike. They are told apart by their order.
+    before: dict[str, list[str]] = defaultdict(list)
+    for one in [] if given.resume else kept["results"]:
+        before[one["key"]].append(one["by"])
     results: list[dict] = kept["results"] if given.resume else []
     assert [one["key"] for one in results] == [one.key for one in drawn[: len(results)]], "another commit or seed"
     folder = Path(tempfile.mkdtemp(prefix="mutating_"))
@@ -404,7 +407,7 @@ def main() -> int:
         calls = {} if given.tests or not given.minutes else driver.calls()
         print(f"{len(found)} mutants; {spent() - already:.0f} s", flush=True)
         for mutant in drawn[len(results) :]:
-            late, by = spent() - already > 60 * given.minutes, before.get(mutant.key)
+            late, by = spent() - already > 60 * given.minutes, (before[mutant.key] or [None]).pop(0)
             elsewhere = given.room not in (None, mutant.room) or (given.files and mutant.file not in given.files)
             if (late and not given.again) or (given.again and by is None):
                 break
