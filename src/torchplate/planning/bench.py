@@ -27,11 +27,12 @@ class Bench:
         model = rival.model(builder.given)
         theta = model.space.to_si(rival.position)
         wide = builder.corrected(model, theta).model.replaced()
-        own = wide.response
-        # The basis holds what a force at each of these places does.
-        wide.response = [*(own or ()), *places]
+        own, hit = wide.response, wide.reference
+        # The basis holds what a force at each of these places does: FRFs from any of them to any other are asked for.
+        every = [*(own or ()), *(hit or ()), *places]
+        wide.response = wide.reference = every
         plain = builder.reduced(wide, theta[None])
-        plain.response = own
+        plain.response, plain.reference = own, hit
         self.specimens = target.specimens(plain, theta)
         found = rival.found
         n_off = len(self.specimens.names)
