@@ -278,7 +278,7 @@ class Measurement:
         except (OSError, ValueError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise MeasurementError(
                 f"{path}: expected a NumPy .npz archive without pickled objects, got a file that does not "
-                f"open as one ({' '.join(str(error).split())}). Write it with numpy.savez or Measurement.to_npz."
+                f"open as one ({' '.join(str(error).split())[:200]}). Write it with numpy.savez or Measurement.to_npz."
             ) from error
         missing = [key for key in ("frequency", "frf", "response", "reference") if key not in arrays]
         if missing:
