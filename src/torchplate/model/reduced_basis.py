@@ -11,7 +11,7 @@ if not, it keeps fainter directions, takes more modes and members in, and is mea
 
 import copy
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -268,9 +268,10 @@ def _ritz_columns(model: PlateModel, theta: Tensor, frequency: Tensor | None, n_
         columns.append(shape)
         if frequency is not None:
             in_band = modes.shape[:, modes.frequency <= ABOVE * top / margin]
-            forces = torch.cat([_forces(model, member, in_band), _patch_forces(sparse, in_band)])
+            fewer = _fewer_channels(model, member, in_band)
+            forces = torch.cat([_forces(model, member, in_band, not len(fewer)), _patch_forces(sparse, in_band)])
             residual = sparse.residual(shape, forces)
-            if len(fewer := _fewer_channels(model, member, in_band)):
+            if len(fewer):
                 once = sparse.residual(shape, fewer)
                 residual = torch.cat([residual, once, sparse.residual(shape, sparse.times_mass(once).mT)], dim=-1)
             # Scaled to the size of a mode: only directions count.
@@ -288,11 +289,18 @@ def _patch_forces(sparse: SparseModel, modes: Float[Tensor, "n n_mode"]) -> Floa
     return torch.from_numpy((sparse.hysteretic @ modes.double().cpu().numpy()).T.copy()).to(modes)
 
 
-def _forces(model: PlateModel, theta: Tensor, modes: Float[Tensor, "n n_mode"]) -> Float[Tensor, "n_row n"]:
+def _forces(
+    model: PlateModel, theta: Tensor, modes: Float[Tensor, "n n_mode"], channels: bool
+) -> Float[Tensor, "n_row n"]:
     """Rows over the free dofs where something pushes or is read; the inertia of the plate where its base moves.
 
-    None of channels where one side has many, see `_fewer_channels`. What acts along a line at more places
-    than there are modes in the band pushes as these modes make it push.
+    What acts along a line at more places than there are modes in the band pushes as these modes make it push.
+
+    Args:
+        model: the full one.
+        theta: the member.
+        modes: those in the band.
+        channels: whether those of responses and references are among them.
     """
     plan = model.plan(theta)
     rows = [modes.new_zeros(0, len(modes))]
@@ -301,7 +309,7 @@ def _forces(model: PlateModel, theta: Tensor, modes: Float[Tensor, "n n_mode"]) 
         if len(row) > modes.shape[-1] and springs is not None and bool(springs.any()):
             row = (springs[:, None] * (row @ modes)).mT @ row
         rows.append(row)
-    if not len(_fewer_channels(model, theta, modes)):
+    if channels:
         rows += [_at(model, points, theta) for points in (model.response, model.reference) if points]
     if model.kind == "transmissibility":
         rows.append(model.excitation(plan, None))
@@ -321,5 +329,5 @@ def _fewer_channels(model: PlateModel, theta: Tensor, modes: Float[Tensor, "n n_
     return _at(model, fewer, theta)
 
 
-def _at(model: PlateModel, points: Sequence[Any], theta: Tensor) -> Float[Tensor, "n_row n"]:
+def _at(model: PlateModel, points: Sequence[int | Sequence[float]], theta: Tensor) -> Float[Tensor, "n_row n"]:
     return model.assembly.rows(model.mesh.deflection_at(model.mesh.places(points).to(theta)))

@@ -29,8 +29,7 @@ class Bench:
         wide = builder.corrected(model, theta).model.replaced()
         own, hit = wide.response, wide.reference
         # The basis holds what a force at each of these places does: FRFs from any of them to any other are asked for.
-        every = [*(own or ()), *(hit or ()), *places]
-        wide.response = wide.reference = every
+        wide.response, wide.reference = [*(own or ()), *(hit or ()), *places], None
         plain = builder.reduced(wide, theta[None])
         plain.response, plain.reference = own, hit
         self.specimens = target.specimens(plain, theta)
