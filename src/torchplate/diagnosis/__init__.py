@@ -4,6 +4,7 @@
 - `candidates`: what may be missing; `selection`: which of it is added.
 - `table`: the same for a table of natural frequencies, where every hypothesis can be weighed.
 - `change`: what has changed between two tests of one plate.
+- `integral`: the likelihood of a hypothesis over all its values, where that takes no longer than to fit it.
 - `holdout`: the FRFs that no fit sees; `tolerance`: numbers that are known as well as a ruler knows them.
 - `target`: what the models are held against, and residuals from wide to sharp; `smoothing`: of the wide ones.
 - `model_builder`: one mesh for all models, its error taken off, and bases that are right where they are used.

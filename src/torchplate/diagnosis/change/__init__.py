@@ -5,8 +5,8 @@
 - `changes`: what may have changed; `after`: fits of that to the second test, all else as the reference says;
   `images`: places that a plate turned over has.
 - `comparison`: all of it, tried and refitted; `posterior`: which of it is most probable; `summary`: what is said.
-- `table`: the same of two tables of natural frequencies; `table_fit`: one change fitted to them; `integral`: its
-  likelihood over all its values; `together`: several of one kind; `table_summary`: what is said of these.
+- `table`: the same of two tables of natural frequencies; `table_fit`: one change fitted to them; `together`: several of
+  one kind; `table_summary`: what is said of these.
 """
 
 from torchplate.diagnosis.change.flow import PlateTest, what_changed

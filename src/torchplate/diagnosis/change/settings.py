@@ -1,6 +1,8 @@
 """What is taken for granted where two tests of one plate are compared."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from torchplate.diagnosis.integral import Drawing
 
 
 @dataclass(frozen=True)
@@ -25,10 +27,7 @@ class ChangeSettings:
         n_library: places and sizes of an effect that are tried on a table [-].
         n_turn: times that the reference's uncertainty is taken anew about where a fit has come to [-].
         rest: a move on the unit cube below which it has come to rest [-].
-        n_draw: members that each round of an integral draws [-].
-        n_effective: independent draws that an integral is worth: ln Z is known to one part in √n of it, a tenth [-].
-        n_round: rounds of draws, at most [-].
-        tail: degrees of freedom of Student's t about a minimum: tails that a likelihood has, and still a variance [-].
+        drawing: by which a likelihood is integrated.
         level: with this probability the best of all that is tried takes no more than is asked where nothing changed
             [-].
     """
@@ -47,10 +46,7 @@ class ChangeSettings:
     n_library: int = 64
     n_turn: int = 3
     rest: float = 1e-4
-    n_draw: int = 256
-    n_effective: float = 100.0
-    n_round: int = 12
-    tail: int = 5
+    drawing: Drawing = field(default_factory=Drawing)
     level: float = 0.99
 
 

@@ -24,8 +24,8 @@ from torch import Tensor
 from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.change.changes import Change
-from torchplate.diagnosis.change.integral import Peak, integrate
 from torchplate.diagnosis.change.settings import ChangeSettings
+from torchplate.diagnosis.integral import Peak, integrate
 from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.diagnosis.selection.criterion import UNIFORM
 from torchplate.diagnosis.table.settings import SETTINGS as TABLE
@@ -256,7 +256,7 @@ def integrated(fit: TableFit, generator: torch.Generator, settings: ChangeSettin
     assert posed is not None
     assert fit.change is not None
     common = _by_common(posed.tables, fit.change, fit.gone, fit.model, fit.place)
-    found = integrate(functools.partial(posed.cost, common=common), fit.peaks, generator, settings)
+    found = integrate(functools.partial(posed.cost, common=common), fit.peaks, generator, settings.drawing)
     return replace(fit, evidence=found.evidence)
 
 

@@ -1,11 +1,11 @@
-"""The marginal likelihood of one change over its whole box, by importance sampling.
+"""The marginal likelihood of one hypothesis over its whole box, by importance sampling.
 
     Z = ∫ L(u) du ≈ 1/N Σ L(uₖ) / q(uₖ),    uₖ ~ q,
 
 q a mixture of Student's t about each minimum, of one about what was drawn so far, and of the box itself: what falls
 outside the box counts nothing. Laplace's method takes a Gaussian about each minimum. It lies half outside the box where
 the minimum is on a bound, follows no bend (a mass and its place), and knows of nothing between two minima. Few
-frequencies fix few numbers: what this is off by is as large as what parts two changes.
+frequencies fix few numbers: what this is off by is as large as what parts two hypotheses.
 
 Sources: Kong, Liu and Wong, J. American Statistical Association 89 (1994) 278, for the effective number of draws;
 Cappé, Guillin, Marin and Robert, J. Computational and Graphical Statistics 13 (2004) 907, for proposals that follow the
@@ -14,16 +14,34 @@ draws; Hesterberg, Technometrics 37 (1995) 185, for the box in the mixture.
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.diagnosis.change.settings import ChangeSettings
-
 # −2 ln L of members.
 Cost = Callable[[Float[Tensor, "n_draw n"]], Float[Tensor, " n_draw"]]
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How many members are drawn, and how.
+
+    Args:
+        n_draw: members that each round draws [-].
+        n_effective: independent draws that an integral is worth: ln Z is known to one part in √n of it, a tenth [-].
+        n_round: rounds, at most [-].
+        tail: degrees of freedom of Student's t about a minimum: tails that a likelihood has, and still a variance [-].
+        narrow: standard deviation that what was drawn so far has at least, on the unit cube: rounding [-].
+    """
+
+    n_draw: int = 256
+    n_effective: float = 100.0
+    n_round: int = 12
+    tail: int = 5
+    narrow: float = 1e-4
 
 
 class Peak(NamedTuple):
@@ -44,13 +62,17 @@ class Integral(NamedTuple):
     Attributes:
         evidence: −2 ln Z.
         n_effective: independent draws that these are worth.
+        places: that were drawn, on the unit cube and beyond.
+        weight: of each, those within adding up to 1: a sample of the posterior.
     """
 
     evidence: float
     n_effective: float
+    places: Float[Tensor, "n_draw n"]
+    weight: Float[Tensor, " n_draw"]
 
 
-def integrate(cost: Cost, peaks: Sequence[Peak], generator: torch.Generator, settings: ChangeSettings) -> Integral:
+def integrate(cost: Cost, peaks: Sequence[Peak], generator: torch.Generator, settings: Drawing) -> Integral:
     """Draw round by round, until enough draws count.
 
     Args:
@@ -78,12 +100,12 @@ def integrate(cost: Cost, peaks: Sequence[Peak], generator: torch.Generator, set
             break
         mean = weight @ places
         off = places - mean
-        spread = (weight[:, None] * off).mT @ off + settings.rest**2 * torch.eye(n).to(places)
+        spread = (weight[:, None] * off).mT @ off + settings.narrow**2 * torch.eye(n).to(places)
         mixture = [*peaks, Peak(mean, spread)]
-    return Integral(-2 * float(log.logsumexp(0) - math.log(len(log))), n_effective)
+    return Integral(-2 * float(log.logsumexp(0) - math.log(len(log))), n_effective, places, weight)
 
 
-def _draw(peaks: Sequence[Peak], n: int, generator: torch.Generator, settings: ChangeSettings) -> Tensor:
+def _draw(peaks: Sequence[Peak], n: int, generator: torch.Generator, settings: Drawing) -> Tensor:
     """Some of each peak, and some of the box."""
     n_own = settings.n_draw // (1 + len(peaks))
     parts = [torch.rand(settings.n_draw - n_own * len(peaks), n, generator=generator, dtype=torch.float64)]
@@ -94,7 +116,7 @@ def _draw(peaks: Sequence[Peak], n: int, generator: torch.Generator, settings: C
     return torch.cat(parts).to(peaks[0].place)
 
 
-def _log_density(peaks: Sequence[Peak], drawn: Tensor, settings: ChangeSettings) -> Tensor:
+def _log_density(peaks: Sequence[Peak], drawn: Tensor, settings: Drawing) -> Tensor:
     """Of the mixture as it was drawn."""
     n, nu = drawn.shape[-1], settings.tail
     n_own = settings.n_draw // (1 + len(peaks))

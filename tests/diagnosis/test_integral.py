@@ -1,13 +1,13 @@
-"""The likelihood of a change over all its values, held against integrals that are known."""
+"""The likelihood of a hypothesis over all its values, held against integrals that are known."""
 
 import math
 
 import pytest
 import torch
 
-from torchplate.diagnosis.change.integral import Peak, integrate
-from torchplate.diagnosis.change.settings import SETTINGS
+from torchplate.diagnosis.integral import Drawing, Peak, integrate
 
+SETTINGS = Drawing()
 # Standard error of ln Z, twice for −2 ln Z, and three of them.
 NEAR = 3 * 2 / math.sqrt(SETTINGS.n_effective)
 
