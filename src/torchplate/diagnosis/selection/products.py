@@ -17,6 +17,9 @@ from torch import Tensor
 from torchplate.diagnosis.selection.null import PARALLEL
 from torchplate.discrepancy import Marginal
 
+# Draws of chance that are whitened together.
+AT_ONCE = 16
+
 
 class Product(NamedTuple):
     """What the score test asks of some changes.
@@ -54,10 +57,15 @@ class Products:
         n: int,
     ) -> None:
         self._marginal, self._known, self._n = marginal, known, n
-        rows = [left[None, :n], known.mT[:, :n]]
+        rows = torch.cat([left[None, :n], known.mT[:, :n]])
+        n_draw = 0 if draws is None else len(draws)
+        beside = left.new_empty(len(rows) + n_draw, n)
+        beside[: len(rows)] = self.whitened(rows)
         if draws is not None:
-            rows.append((draws - (draws @ known) @ known.mT)[:, :n])
-        self._beside = self.whitened(torch.cat(rows)).mT
+            # A few at a time: whitening takes several times the memory of what it whitens.
+            for here, some in zip(beside[len(rows) :].split(AT_ONCE), draws.split(AT_ONCE), strict=True):
+                here[:] = self.whitened((some - (some @ known) @ known.mT)[:, :n])
+        self._beside = beside.mT
 
     def whitened(self, change: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
         """W of changes over √D."""
