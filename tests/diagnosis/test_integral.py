@@ -62,3 +62,16 @@ def test_where_nothing_is_said_it_costs_nothing():
     assert integral(lambda u: torch.full_like(u[:, 0], 3.0), peak([0.5, 0.5], [0.29, 0.29])) == pytest.approx(
         3.0, abs=NEAR
     )
+
+
+def test_draws_of_a_poor_first_proposal_do_not_stay_heavy():
+    """A disc, thin in one of six directions, of which the proposal knows nothing but the middle."""
+    thin, wide = 0.001, 0.12
+
+    def cost(u: torch.Tensor) -> torch.Tensor:
+        off = u - 0.5
+        along = off.sum(-1) / math.sqrt(6)
+        return (along / thin).square() + (off.square().sum(-1) - along.square()) / wide**2
+
+    found = integral(cost, peak([0.5] * 6, [0.12] * 6))
+    assert found == pytest.approx(-2 * math.log((2 * math.pi) ** 3 * thin * wide**5), abs=NEAR)

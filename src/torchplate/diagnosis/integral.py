@@ -3,13 +3,15 @@
     Z = ∫ L(u) du ≈ 1/N Σ L(uₖ) / q(uₖ),    uₖ ~ q,
 
 q a mixture of Student's t about each minimum, of one about what was drawn so far, and of the box itself: what falls
-outside the box counts nothing. Laplace's method takes a Gaussian about each minimum. It lies half outside the box where
-the minimum is on a bound, follows no bend (a mass and its place), and knows of nothing between two minima. Few
-frequencies fix few numbers: what this is off by is as large as what parts two hypotheses.
+outside the box counts nothing, and what was drawn from any of the proposals is weighed by the mean of them all, so that
+draws of a poor first one do not stay heavy. Laplace's method takes a Gaussian about each minimum. It lies half outside
+the box where the minimum is on a bound, follows no bend (a mass and its place), and knows of nothing between two
+minima. Few frequencies fix few numbers: what this is off by is as large as what parts two hypotheses.
 
 Sources: Kong, Liu and Wong, J. American Statistical Association 89 (1994) 278, for the effective number of draws;
 Cappé, Guillin, Marin and Robert, J. Computational and Graphical Statistics 13 (2004) 907, for proposals that follow the
-draws; Hesterberg, Technometrics 37 (1995) 185, for the box in the mixture.
+draws; Cornuet, Marin, Mira and Robert, Scandinavian J. Statistics 39 (2012) 798, for the mean of all; Hesterberg,
+Technometrics 37 (1995) 185, for the box in the mixture.
 """
 
 import math
@@ -82,26 +84,25 @@ def integrate(cost: Cost, peaks: Sequence[Peak], generator: torch.Generator, set
         settings: how many are drawn, and how many are enough.
     """
     n = len(peaks[0].place)
-    found, costs, density = [], [], []
-    mixture = list(peaks)
+    mixtures, found, costs = [list(peaks)], [], []
     for _ in range(settings.n_round):
-        drawn = _draw(mixture, n, generator, settings)
+        drawn = _draw(mixtures[-1], n, generator, settings)
         inside = ((drawn >= 0) & (drawn <= 1)).all(dim=-1)
         left = drawn.new_full((len(drawn),), math.inf)
         left[inside] = cost(drawn[inside]).nan_to_num(math.inf)
         found.append(drawn)
         costs.append(left)
-        density.append(_log_density(mixture, drawn, settings))
-        log = -0.5 * torch.cat(costs) - torch.cat(density)
+        places = torch.cat(found)
+        density = torch.stack([_log_density(one, places, settings) for one in mixtures]).logsumexp(dim=0)
+        log = -0.5 * torch.cat(costs) - density + math.log(len(mixtures))
         weight = (log - log.max()).softmax(dim=0)
         n_effective = float(1 / weight.square().sum())
-        places = torch.cat(found)
         if n_effective >= settings.n_effective:
             break
         mean = weight @ places
         off = places - mean
         spread = (weight[:, None] * off).mT @ off + settings.narrow**2 * torch.eye(n).to(places)
-        mixture = [*peaks, Peak(mean, spread)]
+        mixtures.append([*peaks, Peak(mean, spread)])
     return Integral(-2 * float(log.logsumexp(0) - math.log(len(log))), n_effective, places, weight)
 
 

@@ -16,6 +16,7 @@ from torchplate.cli.folder.descents import DescentFile, depends_on
 from torchplate.cli.folder.occupied import occupied
 from torchplate.cli.folder.opening import DESCENTS, HYPOTHESES, check_free, diagnosis_folder, open_folder, relocated
 from torchplate.cli.folder.writing import write_files, write_text
+from torchplate.cli.machine.allocator import keep_freed_memory
 from torchplate.cli.machine.device import device_named
 from torchplate.cli.results.table import plain_table
 from torchplate.cli.verbs.diagnose_change import diagnose_change
@@ -74,6 +75,7 @@ def diagnose(
             resume.
     """
     console = console or Console()
+    keep_freed_memory()
     recipe = load_run(config, overrides)
     if since is not None or recipe.states:
         if resume:

@@ -14,6 +14,7 @@ from torchplate.cli.config.build import Run, load_run
 from torchplate.cli.config.memory import without_basis
 from torchplate.cli.folder.occupied import occupied
 from torchplate.cli.folder.opening import check_free, open_folder, read_checkpoint, run_folder
+from torchplate.cli.machine.allocator import keep_freed_memory
 from torchplate.cli.machine.device import device_named
 from torchplate.cli.machine.ranks import Ranks, Shared
 from torchplate.cli.progress.bar import shown
@@ -53,6 +54,7 @@ def run(
             resume.
     """
     console = console or Console()
+    keep_freed_memory()
     recipe = load_run(path, overrides)
     optimizer = recipe.optimizer()  # so that a wrong setting is said before anything is written
     folder = run_folder(recipe, out, resume)

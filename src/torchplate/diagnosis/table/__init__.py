@@ -5,7 +5,8 @@
 - `plates`: the plate on the given and on the corrected mesh, in bases that are small and right.
 - `natural`: natural frequencies of many members, and their derivatives.
 - `hypotheses`: effects tried all over their intervals, where refits begin, which pairs promise most.
-- `refit`: the minima of a hypothesis and its marginal likelihood; `comparison`: of all hypotheses on one mesh.
+- `refit`: the minima of a hypothesis and its marginal likelihood; `whole_box`: the same over all values;
+  `comparison`: of all hypotheses on one mesh.
 - `posterior`: probabilities of hypotheses, of effects, of parameters; `null`: what chance alone would take.
 - `found`: what all this has come to; `summary`: what is said of it; `naming`: of an effect that is named; `remarks`: of
   what is missing still.

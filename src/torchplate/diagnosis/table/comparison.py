@@ -1,13 +1,14 @@
 """All hypotheses on one mesh: the given model, every effect, the pairs, each refitted and weighed."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
+from torchplate.diagnosis.integral import Integral
 from torchplate.diagnosis.table.hypotheses import (
     Fitted,
     Hypothesis,
@@ -21,6 +22,7 @@ from torchplate.diagnosis.table.hypotheses import (
 from torchplate.diagnosis.table.plates import MeshKind, Plates
 from torchplate.diagnosis.table.refit import Minimum, Prior, Problem, together
 from torchplate.diagnosis.table.settings import TableSettings
+from torchplate.diagnosis.table.whole_box import over_the_box
 from torchplate.model import PlateModel
 
 
@@ -33,14 +35,18 @@ class Weighed:
         model: with them, in all dofs.
         minima: the best first.
         evidence: −2 ln Z of all of them.
-        rebuilt: whether the basis holds the modes of the best minimum.
+        problem: that they solve.
+        rebuilt: whether its basis holds the modes of the best minimum.
+        drawn: the likelihood over the whole box, with a sample of the posterior; None where Laplace's method is enough.
     """
 
     hypothesis: Hypothesis | None
     model: PlateModel
     minima: tuple[Minimum, ...]
     evidence: float
+    problem: Problem
     rebuilt: bool = False
+    drawn: Integral | None = None
 
     @property
     def best(self) -> Minimum:
@@ -119,7 +125,7 @@ class Comparing:
             if not n:
                 break
         # The box may have several minima; those of the last turn are one, found from the best.
-        baseline = Weighed(None, plates.model, tuple(minima), together(minima), True)
+        baseline = Weighed(None, plates.model, tuple(minima), together(minima), problem, True)
         return baseline, Fitted.of(problem, minima[0])
 
     def refitted(self, hypothesis: Hypothesis) -> Weighed:
@@ -130,14 +136,14 @@ class Comparing:
         problem = Problem(self.plates.reduced(model, extra), self.plates.evidence, self.prior, self.settings)
         minima = problem.minima(hypothesis.starts[:, column])
         self.plates.n_evaluation += len(hypothesis.starts) * self.settings.n_iteration
-        return Weighed(hypothesis, model, tuple(minima), together(minima))
+        return Weighed(hypothesis, model, tuple(minima), together(minima), problem)
 
     def rebuilt(self, found: Weighed) -> Weighed:
         """The same with the modes of the plate that was found in the basis: right in all dofs there."""
         assert found.hypothesis is not None
         plates, model = self.plates, found.model
         extra = [mode for part in found.hypothesis.parts for mode in part.modes]
-        extra = _distinct([*extra, plates.modes_at(model, found.theta)])
+        extra = _distinct([*extra, plates.solved(model, found.theta).shape])
         problem = Problem(plates.reduced(model, extra), plates.evidence, self.prior, self.settings)
         turned = {one.turns for one in found.minima}
         kept = [one for one in found.minima if one.evidence < found.best.evidence + self.settings.near]
@@ -145,7 +151,15 @@ class Comparing:
         minima = problem.minima(
             torch.stack([one.position for one in kept]), self.settings.n_first, max(turned, key=len)
         )
-        return Weighed(found.hypothesis, model, tuple(minima), together(minima), True)
+        return Weighed(found.hypothesis, model, tuple(minima), together(minima), problem, True)
+
+    def integrated(self, found: Weighed) -> Weighed:
+        """The same, its likelihood integrated over all its values."""
+        if not found.problem.free:
+            return found
+        drawn = over_the_box(found.problem, found.minima)
+        self.plates.n_evaluation += len(drawn.places)
+        return replace(found, evidence=drawn.evidence, drawn=drawn)
 
     def tries(self, baseline: Weighed, fitted: Fitted) -> list[Tried]:
         """Every candidate that natural frequencies can see, over its intervals."""

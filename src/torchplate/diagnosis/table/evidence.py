@@ -70,8 +70,15 @@ class TableEvidence:
 
     def minus_two_log_likelihood(self, chi_square: float) -> float:
         """−2 ln p of a sum of squares, κ integrated out, but for a constant."""
-        spread = 2 * float(self.std.log().sum())
-        return (self.freedom + self.n) * math.log1p(chi_square / self.freedom) + spread
+        return (self.freedom + self.n) * math.log1p(chi_square / self.freedom) + self._spread
+
+    def minus_two_log_likelihoods(self, chi_square: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+        """The same of many."""
+        return (self.freedom + self.n) * torch.log1p(chi_square / self.freedom) + self._spread
+
+    @property
+    def _spread(self) -> float:
+        return 2 * float(self.std.log().sum())
 
     def kappa_square(self, chi_square: float) -> float:
         """The factor κ² on all variances that goes with a sum of squares."""

@@ -1,7 +1,8 @@
 """The diagnosis of a table: both meshes, every effect, the pairs, and what they are worth."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import torch
@@ -60,8 +61,28 @@ def diagnose_table(
         bench.with_pairs(one) if _best(one) < best + settings.pairs_within else one
         for (bench, _, _), one in zip(begun, compared, strict=True)
     ]
-    found = Found(tuple(compared), Posterior.of(compared, settings), prior, settings)
+    benches = [bench for bench, _, _ in begun]
+    found = Found.of(_integrated(benches, compared, settings), prior, settings)
     return summarise(found, time.monotonic() - began)
+
+
+def _integrated(
+    benches: Sequence[Comparing], compared: Sequence[Comparison], settings: TableSettings
+) -> list[Comparison]:
+    """What may be the best is integrated over all its values, and the given model, which it is held against."""
+    doubtful = {one.weighed for one in Posterior.of(compared, settings).entries if one.probability > settings.doubtful}
+
+    def integrated(bench: Comparing, one: Weighed) -> Weighed:
+        return bench.integrated(one) if one in doubtful else one
+
+    return [
+        replace(
+            one,
+            baseline=bench.integrated(one.baseline),
+            weighed=tuple(integrated(bench, other) for other in one.weighed),
+        )
+        for bench, one in zip(benches, compared, strict=True)
+    ]
 
 
 class FittedTable(NamedTuple):

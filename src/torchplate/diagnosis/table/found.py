@@ -1,5 +1,6 @@
 """What a diagnosis of a table has come to."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from torchplate.diagnosis.result import Verdict
@@ -24,6 +25,11 @@ class Found:
     posterior: Posterior
     prior: Prior
     settings: TableSettings
+
+    @classmethod
+    def of(cls, compared: Sequence[Comparison], prior: Prior, settings: TableSettings) -> "Found":
+        """Of everything that was weighed."""
+        return cls(tuple(compared), Posterior.of(compared, settings), prior, settings)
 
     @property
     def chosen(self) -> Entry:

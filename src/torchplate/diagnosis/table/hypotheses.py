@@ -124,10 +124,12 @@ def tried(plates: Plates, fitted: Fitted, index: int, candidate: Candidate, sett
         for place in _corners(n):
             for member in whole(place.to(model.known)):
                 theta = model.space.to_si(member)
-                exact = plates.exactly(model, theta)
-                off = (natural.frequency(member[None])[0] / exact.clamp(min=1e-9) - 1).abs().max()
+                exact = plates.solved(model, theta)
+                off = (
+                    (natural.frequency(member[None])[0] / exact.frequency[plates.mode].clamp(min=1e-9) - 1).abs().max()
+                )
                 if float(off) > settings.basis_error:
-                    modes.append(plates.modes_at(model, theta))
+                    modes.append(exact.shape)
         if modes:
             natural = plates.reduced(model, modes)
     predicted = natural.frequency(whole(places))

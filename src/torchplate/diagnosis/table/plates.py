@@ -19,7 +19,7 @@ from torchplate.diagnosis.model_builder import with_candidate, working_mesh
 from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.natural import Natural
 from torchplate.diagnosis.table.settings import TableSettings
-from torchplate.model import PlateModel, SparseModel, extrapolate, on_mesh
+from torchplate.model import Modes, PlateModel, SparseModel, extrapolate, on_mesh
 from torchplate.plate import Assembly
 
 MeshKind = Literal["given", "corrected"]
@@ -78,7 +78,7 @@ class Plates:
             self.evidence = self.evidence.on_mesh(left * self.evidence.frequency)
         self._bases.clear()
         n_mode = int(self.settings.basis_times * self.n_mode) + self.settings.basis_more
-        self._modes = self._of(self.model, theta, n_mode)
+        self._modes = self._of(self.model, theta, n_mode).shape
 
     @classmethod
     def corrected(cls, model: PlateModel, evidence: TableEvidence, settings: TableSettings) -> "Plates":
@@ -90,13 +90,13 @@ class Plates:
                 break
         return found
 
-    def _of(self, model: PlateModel, theta: Tensor, n_mode: int) -> Float[Tensor, "n_free n"]:
+    def _of(self, model: PlateModel, theta: Tensor, n_mode: int) -> Modes:
         """The lowest modes of one member in all dofs."""
         self.n_evaluation += 1
         sparse = SparseModel(model, theta)
         size = model.assembly.size
         modes = sparse.modes(min(n_mode, size), 0.0, dense=n_mode > size // 3)
-        return modes.shape[:, :n_mode]
+        return Modes(modes.eigenvalue[:n_mode], modes.shape[:, :n_mode])
 
     def with_effects(self, candidates: Sequence[Candidate], labels: Sequence[str]) -> PlateModel:
         """The given model with effects more, in all dofs."""
@@ -121,19 +121,13 @@ class Plates:
         assembly = Assembly(model.mesh, stack, by_element, model.assembly.correction).to(model.known)
         return Natural(on_mesh(model, assembly), self.mode)
 
-    def modes_at(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Float[Tensor, "n_free n"]:
-        """What one plate brings into a basis."""
+    def solved(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Modes:
+        """Modes of one plate in all dofs: those of the table, and the few above that it brings into a basis."""
         return self._of(model, theta, self.n_mode + self.settings.basis_further)
 
     def exactly(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Float[Tensor, " n_mode"]:
         """Natural frequencies of one member in all dofs [Hz]."""
-        return self._frequencies(model, theta)[self.mode]
-
-    def _frequencies(self, model: PlateModel, theta: Tensor) -> Tensor:
-        self.n_evaluation += 1
-        size = model.assembly.size
-        modes = SparseModel(model, theta).modes(self.n_mode, 0.0, dense=self.n_mode > size // 3)
-        return modes.frequency[: self.n_mode]
+        return self._of(model, theta, self.n_mode).frequency[self.mode]
 
     def finished(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> PlateModel:
         """A model of numbers, what did not yield held as in the given one."""

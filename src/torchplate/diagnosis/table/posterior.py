@@ -14,6 +14,7 @@ from torch import Tensor
 
 from torchplate.diagnosis.table.comparison import Comparison, Weighed
 from torchplate.diagnosis.table.settings import TableSettings
+from torchplate.diagnosis.table.whole_box import sample
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +142,12 @@ def _prior(one: Comparison, weighed: Weighed, settings: TableSettings) -> float:
 
 
 def draws(weighed: Weighed, freedom: float, settings: TableSettings, seed: int = 0) -> Tensor:
-    """Positions from the posterior of one hypothesis: its minima and their images, each a Student t cut to the box."""
+    """Positions from the posterior of one hypothesis: as it was integrated, else of Student's t about its minima.
+
+    Minima and their images then are each a Student t cut to the box.
+    """
+    if weighed.drawn is not None:
+        return sample(weighed.drawn, settings.n_draw, seed)
     generator = torch.Generator().manual_seed(seed)
     share = torch.tensor([-0.5 * one.evidence for one in weighed.minima], dtype=torch.float64).softmax(0)
     found = []

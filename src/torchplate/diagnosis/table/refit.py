@@ -10,6 +10,7 @@ likelihood that the interval cuts off. Source: Kass and Raftery, Bayes Factors, 
 (1995) 773.
 """
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -173,7 +174,7 @@ class Problem:
         if n:
             cost += _cut_off(position, gradient, precision, before, bound)
         n_effective = float(torch.linalg.solve(precision, information).diagonal().sum()) if n else 0.0
-        turned = self._turned(position)
+        turned = self.turned(position)
         if turns is None:
             turns = self._turns(turned, predicted, precision)
         images = torch.stack([position, *(turned[k] for k in turns)])
@@ -181,7 +182,30 @@ class Problem:
         known = float(told.square().sum())
         return Minimum(position, chi, known, precision, bound, images, turns, peak, cost, n_effective, predicted)
 
-    def _turned(self, position: Tensor) -> list[Tensor]:
+    @functools.cached_property
+    def free(self) -> tuple[int, ...]:
+        """Parameters that the table sees, or that something is known of beforehand."""
+        known = {index for index, _, _ in self.known}
+        return tuple(sorted(known | set(self.natural.seen)))
+
+    def cost(self, position: Float[Tensor, "n_member n"]) -> Float[Tensor, " n_member"]:
+        """−2 ln of the likelihood times the prior density on the unit cube."""
+        off = self.evidence.residual(self.natural.frequency(position))
+        found = self.evidence.minus_two_log_likelihoods(off.square().sum(-1))
+        told = self.deviations(position)
+        if told.shape[-1]:
+            rate = self.known_slope(position).sum(-1).abs()
+            found = found + (told.square() + math.log(2 * math.pi) - 2 * rate.log()).sum(-1)
+        return found
+
+    def nearest_image(self, position: Float[Tensor, "n_member n"], one: Minimum) -> Float[Tensor, "n_member n"]:
+        """The same plates turned over so that they are nearest to a minimum."""
+        turned = self.turned(position)
+        every = torch.stack([position, *(turned[k] for k in one.turns)])
+        nearest = (every - one.position).square().sum(-1).argmin(0)
+        return every[nearest, torch.arange(len(position))]
+
+    def turned(self, position: Float[Tensor, "*batch n"]) -> list[Tensor]:
         """The position with all places mirrored in every way; on a square across the diagonal too."""
         names = self.natural.model.names
         along = [k for k, name in enumerate(names) if name.endswith(".x") and f"{name[:-1]}y" in names]
@@ -194,11 +218,11 @@ class Problem:
             for over_x, over_y in ((False, False), (True, False), (False, True), (True, True)):
                 image = position.clone()
                 if swapped:
-                    image[along], image[across] = position[across], position[along]
+                    image[..., along], image[..., across] = position[..., across], position[..., along]
                 if over_x:
-                    image[along] = 1 - image[along]
+                    image[..., along] = 1 - image[..., along]
                 if over_y:
-                    image[across] = 1 - image[across]
+                    image[..., across] = 1 - image[..., across]
                 found.append(image)
         return found[1:]
 

@@ -1,7 +1,9 @@
 """The constants of the diagnosis of a table, by stage, each with its unit and its reason."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from torchplate.diagnosis.integral import Drawing
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class TableSettings:
             deviation [-].
         n_worst: modes that are named where a table is left unexplained [-].
         n_draw: draws of the null distribution and of the posterior.
+        doubtful: probability by Laplace's method from which on a hypothesis is integrated over all its values [-].
+        drawing: by which it is.
     """
 
     freedom_told: float = 20.0
@@ -91,6 +95,8 @@ class TableSettings:
     blind: float = 1e-3
     n_worst: int = 4
     n_draw: int = 400
+    doubtful: float = 1e-3
+    drawing: Drawing = field(default_factory=Drawing)
 
 
 SETTINGS = TableSettings()

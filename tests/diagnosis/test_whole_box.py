@@ -1,0 +1,103 @@
+"""A hypothesis over all its values, held against sums over a grid of the whole box."""
+
+import dataclasses
+import functools
+import math
+
+import pytest
+import torch
+
+from torchplate.diagnosis.table.comparison import Comparing, Weighed
+from torchplate.diagnosis.table.evidence import TableEvidence
+from torchplate.diagnosis.table.hypotheses import Fitted, single, tried, visible
+from torchplate.diagnosis.table.plates import Plates
+from torchplate.diagnosis.table.settings import SETTINGS
+from torchplate.diagnosis.table.whole_box import over_the_box, sample
+from torchplate.effects import CATALOGUE
+from torchplate.measurement import NaturalFrequencies
+from torchplate.model import PlateModel, Searched
+from torchplate.plate import Mesh
+
+NUMBERS = {"plate.poisson_ratio": 0.3, "plate.density": 7850.0, "plate.thickness": 0.003}
+NOBODY = torch.zeros(0, dtype=torch.float64)
+# Three standard errors of −2 ln Z from so many effective draws.
+NEAR = 3 * 2 / math.sqrt(SETTINGS.drawing.n_effective)
+
+
+def plate(mass: float | None = None, young: Searched | float = 2.1e11) -> PlateModel:
+    effects, known = {"plate": CATALOGUE["plate"]()}, dict(NUMBERS)
+    if mass is not None:
+        effects["hidden"] = CATALOGUE["point_mass"]()
+        known |= {"hidden.x": 0.21, "hidden.y": 0.34, "hidden.mass": mass}
+    searched = {"plate.youngs_modulus": young} if isinstance(young, Searched) else {}
+    known |= {} if searched else {"plate.youngs_modulus": young}
+    return PlateModel(Mesh(0.55, 0.363, 8, 8), effects, known, searched)
+
+
+@functools.cache
+def weighed(mass: float, scatter: float, prior: bool = False) -> Weighed:
+    """A mass beside a free plate, refitted to six frequencies that scatter; E known, or to 1 % beforehand."""
+    truth = plate(mass).natural_frequencies(NOBODY, 9)[3:]
+    noise = torch.randn(6, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    table = NaturalFrequencies(torch.arange(4, 10), truth * (1 + scatter * noise), scatter * truth)
+    evidence = TableEvidence.of(table, SETTINGS)
+    model = plate(young=Searched(1.9e11, 2.3e11)) if prior else plate()
+    told = {"plate.youngs_modulus": (2.1e11, 2.1e9)} if prior else {}
+    plates = Plates(model, evidence, "given", SETTINGS, 1)
+    bench = Comparing(plates, told, SETTINGS, lambda _: None)
+    baseline, fitted = bench.baseline()
+    assert isinstance(fitted, Fitted)
+    candidate = next(one for one in visible(plates, baseline.theta) if one.name == "point_mass")
+    part = tried(plates, fitted, 0, candidate, SETTINGS)
+    return bench.rebuilt(bench.refitted(single(fitted, part, SETTINGS)))
+
+
+def grid(one: Weighed, n: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """The middles of n cells along each parameter, and the cost of each, no mirror image taken for another."""
+    axis = (torch.arange(n, dtype=torch.float64) + 0.5) / n
+    places = torch.cartesian_prod(*(axis for _ in one.model.names)).reshape(-1, len(one.model.names))
+    return places, torch.cat([one.problem.cost(some) for some in places.split(4096)])
+
+
+@pytest.mark.parametrize(("mass", "scatter"), [(0.02, 4e-3), (0.15, 4e-3)])
+def test_a_mass_counts_for_what_its_likelihood_holds_over_the_whole_plate(mass, scatter):
+    """20 g that hardly show may be anywhere; 150 g are on a bent valley of place and size, four times over."""
+    with torch.no_grad():
+        one = weighed(mass, scatter)
+        _, cost = grid(one, 40)
+        found = over_the_box(one.problem, one.minima)
+    assert found.n_effective >= SETTINGS.drawing.n_effective
+    whole = -2 * float((-0.5 * cost).logsumexp(0) - math.log(len(cost)))
+    assert found.evidence == pytest.approx(whole, abs=NEAR)
+
+
+def test_a_sample_of_the_posterior_has_its_quantiles():
+    with torch.no_grad():
+        one = weighed(0.15, 4e-3)
+        places, cost = grid(one, 40)
+        drawn = sample(over_the_box(one.problem, one.minima), 4000)
+    weight = (-0.5 * cost).softmax(0)
+    for k, name in enumerate(one.model.names):
+        order = places[:, k].argsort()
+        below = weight[order].cumsum(0)
+        for level in (0.05, 0.5, 0.95):
+            end = float(places[order][int((below >= level).nonzero()[0]), k])
+            share = float((drawn[:, k] <= end + 0.5 / 40).double().mean())
+            cell = float(weight[(places[:, k] - end).abs() < 1e-9].sum())
+            # As far as a quantile of so many effective draws goes, and a cell of the grid.
+            assert share == pytest.approx(level, abs=cell + 3 * 0.5 / math.sqrt(SETTINGS.drawing.n_effective)), name
+
+
+def test_what_is_known_beforehand_is_a_density_on_the_box():
+    """Over E alone the prior holds 1: with a table that says nothing, Z is the likelihood itself."""
+    with torch.no_grad():
+        one = weighed(0.15, 4e-3, prior=True)
+        deaf = dataclasses.replace(
+            one.problem, evidence=dataclasses.replace(one.problem.evidence, std=torch.full((6,), 1e9).double())
+        )
+        places = (
+            torch.rand(1, len(one.model.names), generator=torch.Generator().manual_seed(0)).double().repeat(4001, 1)
+        )
+        places[:, one.model.names.index("plate.youngs_modulus")] = torch.linspace(0, 1, 4001).double()
+        density = (-0.5 * (deaf.cost(places) - deaf.evidence.minus_two_log_likelihood(0.0))).exp()
+    assert float(torch.trapezoid(density, dx=1 / 4000)) == pytest.approx(1.0, rel=1e-3)
