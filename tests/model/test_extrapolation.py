@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from torchplate.cli.config.build import load_model, load_run
-from torchplate.effects import MeshDiscretisation, Plate
+from torchplate.effects import Absorber, MeshDiscretisation, Plate, PointMass, SupportSpring
 from torchplate.model import PlateModel, Searched, SparseModel, extrapolate, reduce
 from torchplate.model.reduced_basis import ritz_basis
 from torchplate.plate import Assembly, Mesh
@@ -235,3 +235,24 @@ def test_a_corrected_model_can_be_reduced(plates, relative_error, cells):
     expected = better.frf_direct(theta, lines)
     assert relative_error(reduced.frf(theta, lines), expected) < 3e-4
     assert relative_error(model.frf_direct(theta, lines), expected) > 1e-3
+
+
+@pytest.mark.parametrize("cut", [(), ((0.25, 0.25, 0.5, 0.75),)])
+def test_modes_of_the_finer_mesh_from_those_of_the_coarser_leave_a_hundredth_of_the_error(monkeypatch, cut):
+    effects = {"wires": SupportSpring(nodes=(2, 10, 112)), "mass": PointMass(), "hung": Absorber()}
+    known = {"wires.stiffness": 4e3, "wires.viscous_damping": 1.0, "mass.x": 0.81, "mass.y": 0.13, "mass.mass": 0.03}
+    known |= {"hung.x": 0.1, "hung.y": 0.2, "hung.mass": 0.02, "hung.stiffness": 2e5, "hung.viscous_damping": 0.3}
+    model = bare(Mesh(0.48, 0.4, 16, 12, cut=cut))
+    model = model.replaced(effects=dict(model.effects) | effects, known=model.known_values | known)
+
+    def error(limit: float) -> torch.Tensor:
+        monkeypatch.setattr("torchplate.model.extrapolation.TWO_GRIDS", limit)
+        return extrapolate(model, 400.0).error
+
+    solved, near = error(math.inf), error(0)
+    in_band = model.natural_frequencies(NOTHING, len(near)) <= 400.0
+    assert 8 < int(in_band.sum()) < len(near) <= len(solved)
+    off = (near - solved[: len(near)]).abs()
+    assert float(off.max()) < 1e-2 * float(solved[: len(near)].abs().max())
+    # In the band they are far from what was left out.
+    assert float(off[in_band].max()) < 1e-3 * float(solved[: len(near)][in_band].abs().max())

@@ -9,6 +9,9 @@ What the stiffness lacks, in the modes Φ of the mesh, is
 Q the orthogonal matrix nearest to the products of the two meshes' modes, so that close and repeated modes need not be
 told from each other. In the same way the modes' deflections at the nodes lack 4/3 (Φ' Qᵀ − Φ). Other plates of the box
 lack the stiffness in proportion to their rigidity: what then remains is the error of the error.
+
+On large meshes the finer one's modes are found from the coarser one's by two steps of inverse iteration
+(`SparseModel.modes_near`): what these miss is a hundredth of the mesh error at most.
 """
 
 import copy
@@ -21,7 +24,7 @@ from torch import Tensor
 
 from torchplate.model.fine_mesh import SparseModel
 from torchplate.model.plate_model import PlateModel
-from torchplate.plate import Assembly, Correction, Mesh
+from torchplate.plate import Assembly, Correction, Mesh, prolongation
 
 # Modes up to this multiple of the highest frequency wanted are corrected, unless more is asked for.
 MARGIN = 1.6
@@ -33,6 +36,8 @@ AGREED = 0.9
 NEAR = 0.2
 # Without a frequency, so many modes.
 N_MODE = 30
+# Dofs of the finer mesh beyond which its modes are found from those of the coarser one.
+TWO_GRIDS = 10_000
 
 
 class Extrapolated(NamedTuple):
@@ -73,9 +78,16 @@ def extrapolate(
     twice = on_mesh(model, finer)
     top = 0.0 if frequency is None else margin * frequency
     coarse, fine = SparseModel(model, theta), SparseModel(twice, theta)
-    modes, better = coarse.modes(N_MODE, top, bare=True), fine.modes(N_MODE, top, bare=True)
-    # The last that the solver found may have a twin that it did not find.
-    count = min(len(modes.eigenvalue), len(better.eigenvalue)) - 1
+    modes = coarse.modes(N_MODE, top, bare=True)
+    if len(twice.assembly.free) > TWO_GRIDS:
+        start = torch.from_numpy(prolongation(model.mesh, twice.mesh) @ modes.shape.double().cpu().numpy())
+        better = fine.modes_near(start.to(modes.shape))
+        # Those that were asked for; what lies beyond holds what the others miss.
+        count = min(len(modes.eigenvalue) - 1, max(N_MODE, int((modes.frequency <= top).sum())))
+    else:
+        better = fine.modes(N_MODE, top, bare=True)
+        # The last that the solver found may have a twin that it did not find.
+        count = min(len(modes.eigenvalue), len(better.eigenvalue)) - 1
     across = coarse.times_mass(modes.shape[:, :count]).mT @ better.shape[_common(model.mesh, twice.mesh)][:, :count]
 
     def apart(value: Tensor) -> bool:

@@ -1,6 +1,7 @@
 """Geometry in, matrices out: the Kirchhoff–Love plate as batched tensors.
 
 - `mesh`: nodes, elements and dofs of a rectangular grid; shape functions anywhere on the plate.
+- `prolongation`: motions of a mesh as those of one twice as fine.
 - `element`: the 12-dof rectangle of the seed paper (Eq. 6–16).
 - `section`: what each element is made of (Section), how long the plate is (Geometry), what is added at a place
   (Local), damping in proportion to the whole model (Proportional), and all of these for one batch (Plan).
@@ -20,6 +21,7 @@ from torchplate.plate.laminate import laminate
 from torchplate.plate.material import MATERIALS, Material, find_material
 from torchplate.plate.mesh import EDGES, Mesh
 from torchplate.plate.power_law import LOWEST_FREQUENCY, REFERENCE_FREQUENCY
+from torchplate.plate.prolongation import prolongation
 from torchplate.plate.section import (
     STIFFEST,
     Geometry,
@@ -76,6 +78,7 @@ __all__ = [
     "is_vmapped",
     "laminate",
     "lattice",
+    "prolongation",
     "thickness_of",
     "transformed",
 ]
