@@ -1,5 +1,6 @@
 """All hypotheses on one mesh: the given model, every effect, the pairs, each refitted and weighed."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -128,13 +129,26 @@ class Comparing:
         baseline = Weighed(None, plates.model, tuple(minima), together(minima), problem, True)
         return baseline, Fitted.of(problem, minima[0])
 
-    def refitted(self, hypothesis: Hypothesis) -> Weighed:
+    def _each(self, hypotheses: Sequence[Hypothesis], least: float) -> list[Weighed]:
+        """All refitted, those that promise most first: they tell which of the others are hopeless.
+
+        Args:
+            hypotheses: in any order.
+            least: χ² that is left by what was refitted before.
+        """
+        found = []
+        for one in sorted(hypotheses, key=lambda one: one.promise):
+            found.append(self.refitted(one, self.settings.hopeless * least))
+            least = min(least, found[-1].best.chi_square)
+        return found
+
+    def refitted(self, hypothesis: Hypothesis, hopeless: float = math.inf) -> Weighed:
         """A hypothesis from all its starts, in the shared modes and those of its effects."""
         model = self.plates.with_effects([part.candidate for part in hypothesis.parts], hypothesis.labels)
         column = ordered(hypothesis, model.names, self.plates.model.names)
         extra = _distinct([mode for part in hypothesis.parts for mode in part.modes])
         problem = Problem(self.plates.reduced(model, extra), self.plates.evidence, self.prior, self.settings)
-        minima = problem.minima(hypothesis.starts[:, column])
+        minima = problem.minima(hypothesis.starts[:, column], hopeless=hopeless)
         self.plates.n_evaluation += len(hypothesis.starts) * self.settings.n_iteration
         return Weighed(hypothesis, model, tuple(minima), together(minima), problem)
 
@@ -173,7 +187,9 @@ class Comparing:
         blind = {one.name for one in every} - {one.name for one in seen}
         self.say(f"{self.plates.kind} mesh: {len(seen)} effects and options")
         alone = [single(fitted, one, self.settings) for one in seen]
-        weighed = self._best_rebuilt([self.refitted(one) for one in alone if self._may_fail(one)])
+        weighed = self._best_rebuilt(
+            self._each([one for one in alone if self._may_fail(one)], baseline.best.chi_square)
+        )
         return Comparison(self.plates, baseline, fitted, tuple(seen), tuple(sorted(blind)), tuple(weighed), 0)
 
     def with_pairs(self, found: Comparison) -> Comparison:
@@ -186,7 +202,8 @@ class Comparing:
         )
         count = min(len(every), self.settings.n_pair_beside if does else self.settings.n_pair)
         self.say(f"{self.plates.kind} mesh: {count} of {len(every)} pairs")
-        weighed = self._best_rebuilt([self.refitted(one) for one in every[:count]])
+        least = min(one.best.chi_square for one in (found.baseline, *found.weighed))
+        weighed = self._best_rebuilt(self._each(every[:count], least))
         left = len(every) - count
         return Comparison(
             found.plates, found.baseline, found.fitted, found.seen, found.unseen, (*found.weighed, *weighed), left

@@ -34,9 +34,10 @@ class Natural:
 
     def frequency(self, position: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n_mode"]:
         """[Hz], at places on the unit cube."""
-        return self.model.natural_frequencies(self.model.space.to_si(position), int(self.mode.max()) + 1)[
-            ..., self.mode
-        ]
+        theta, count = self.model.space.to_si(position), int(self.mode.max()) + 1
+        flat = theta.reshape(theta.shape[:-1].numel(), self.n_parameter)
+        found = torch.cat([self.model.natural_frequencies(some, count)[:, self.mode] for some in flat.split(AT_ONCE)])
+        return found.reshape(*position.shape[:-1], len(self.mode))
 
     @functools.cached_property
     def seen(self) -> tuple[int, ...]:

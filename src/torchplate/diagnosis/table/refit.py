@@ -100,7 +100,11 @@ class Problem:
         return slope
 
     def minima(
-        self, starts: Float[Tensor, "n_start n"], n_iteration: int | None = None, turns: tuple[int, ...] | None = None
+        self,
+        starts: Float[Tensor, "n_start n"],
+        n_iteration: int | None = None,
+        turns: tuple[int, ...] | None = None,
+        hopeless: float = math.inf,
     ) -> list[Minimum]:
         """The minima that the starts lead to, the best first; one without parameters is where it is.
 
@@ -108,6 +112,7 @@ class Problem:
             starts: on the unit cube.
             n_iteration: of all starts; left out, a few of all and the settings' of the best.
             turns: mirror images that are known to be the same plate; left out, they are looked for.
+            hopeless: χ² beyond which, after a few steps, a way is not followed to its end.
         """
         settings, n = self.settings, self.natural.n_parameter
         if not n:
@@ -128,6 +133,8 @@ class Problem:
                 found = _descended(residual, jacobian, starts, settings.n_first)
                 some = found.objective.argsort()[: settings.n_onward]
                 starts = found.position[some]
+                if float(found.residual[some[0], : self.evidence.n].square().sum()) > hopeless:
+                    break
             found = _descended(residual, jacobian, starts, n_iteration or settings.n_iteration)
             # One factor on all variances does not scale what is known beforehand.
             starts = found.position

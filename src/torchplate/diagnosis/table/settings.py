@@ -40,6 +40,8 @@ class TableSettings:
             their changes are added.
         n_pair_beside: the same where one does, or the given model: pairs then only share its probability.
         pairs_within: pairs are refitted on a mesh whose best is so near to the best of both, in −2 ln Z [-].
+        hopeless: a refit whose best start leaves so many times the least χ² after these is not followed to its end: ten
+            times that of one frequency's is a likelihood lower by a factor of e^18 and more [-].
         n_first: iterations of all starts, and of the last refit.
         n_onward: starts that go on from there.
         n_iteration: of those.
@@ -81,6 +83,7 @@ class TableSettings:
     n_pair: int = 30
     n_pair_beside: int = 6
     pairs_within: float = 10.0
+    hopeless: float = 10.0
     n_first: int = 5
     n_onward: int = 3
     n_iteration: int = 12
