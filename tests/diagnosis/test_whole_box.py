@@ -11,6 +11,7 @@ from torchplate.diagnosis.table.comparison import Comparing, Weighed
 from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.hypotheses import Fitted, single, tried, visible
 from torchplate.diagnosis.table.plates import Plates
+from torchplate.diagnosis.table.refit import Problem
 from torchplate.diagnosis.table.settings import SETTINGS
 from torchplate.diagnosis.table.whole_box import over_the_box, sample
 from torchplate.effects import CATALOGUE
@@ -35,7 +36,7 @@ def plate(mass: float | None = None, young: Searched | float = 2.1e11) -> PlateM
 
 
 @functools.cache
-def weighed(mass: float, scatter: float, prior: bool = False) -> Weighed:
+def weighed(mass: float, scatter: float, prior: bool = False) -> tuple[Weighed, Problem]:
     """A mass beside a free plate, refitted to six frequencies that scatter; E known, or to 1 % beforehand."""
     truth = plate(mass).natural_frequencies(NOBODY, 9)[3:]
     noise = torch.randn(6, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
@@ -49,23 +50,24 @@ def weighed(mass: float, scatter: float, prior: bool = False) -> Weighed:
     assert isinstance(fitted, Fitted)
     candidate = next(one for one in visible(plates, baseline.theta) if one.name == "point_mass")
     part = tried(plates, fitted, 0, candidate, SETTINGS)
-    return bench.rebuilt(bench.refitted(single(fitted, part, SETTINGS)))
+    found = bench.rebuilt(bench.refitted(single(fitted, part, SETTINGS)))
+    return found, Problem(plates.reduced(found.model, found.modes), evidence, told, SETTINGS)
 
 
-def grid(one: Weighed, n: int) -> tuple[torch.Tensor, torch.Tensor]:
+def grid(problem: Problem, n: int) -> tuple[torch.Tensor, torch.Tensor]:
     """The middles of n cells along each parameter, and the cost of each, no mirror image taken for another."""
     axis = (torch.arange(n, dtype=torch.float64) + 0.5) / n
-    places = torch.cartesian_prod(*(axis for _ in one.model.names)).reshape(-1, len(one.model.names))
-    return places, torch.cat([one.problem.cost(some) for some in places.split(4096)])
+    places = torch.cartesian_prod(*(axis for _ in range(problem.natural.n_parameter)))
+    return places, torch.cat([problem.cost(some) for some in places.split(4096)])
 
 
 @pytest.mark.parametrize(("mass", "scatter"), [(0.02, 4e-3), (0.15, 4e-3)])
 def test_a_mass_counts_for_what_its_likelihood_holds_over_the_whole_plate(mass, scatter):
     """20 g that hardly show may be anywhere; 150 g are on a bent valley of place and size, four times over."""
     with torch.no_grad():
-        one = weighed(mass, scatter)
-        _, cost = grid(one, 40)
-        found = over_the_box(one.problem, one.minima)
+        one, problem = weighed(mass, scatter)
+        _, cost = grid(problem, 40)
+        found = over_the_box(problem, one.minima)
     assert found.n_effective >= SETTINGS.drawing.n_effective
     whole = -2 * float((-0.5 * cost).logsumexp(0) - math.log(len(cost)))
     assert found.evidence == pytest.approx(whole, abs=NEAR)
@@ -73,9 +75,9 @@ def test_a_mass_counts_for_what_its_likelihood_holds_over_the_whole_plate(mass, 
 
 def test_a_sample_of_the_posterior_has_its_quantiles():
     with torch.no_grad():
-        one = weighed(0.15, 4e-3)
-        places, cost = grid(one, 40)
-        drawn = sample(over_the_box(one.problem, one.minima), 4000)
+        one, problem = weighed(0.15, 4e-3)
+        places, cost = grid(problem, 40)
+        drawn = sample(over_the_box(problem, one.minima), 4000)
     weight = (-0.5 * cost).softmax(0)
     for k, name in enumerate(one.model.names):
         order = places[:, k].argsort()
@@ -91,9 +93,9 @@ def test_a_sample_of_the_posterior_has_its_quantiles():
 def test_what_is_known_beforehand_is_a_density_on_the_box():
     """Over E alone the prior holds 1: with a table that says nothing, Z is the likelihood itself."""
     with torch.no_grad():
-        one = weighed(0.15, 4e-3, prior=True)
+        one, problem = weighed(0.15, 4e-3, prior=True)
         deaf = dataclasses.replace(
-            one.problem, evidence=dataclasses.replace(one.problem.evidence, std=torch.full((6,), 1e9).double())
+            problem, evidence=dataclasses.replace(problem.evidence, std=torch.full((6,), 1e9).double())
         )
         places = (
             torch.rand(1, len(one.model.names), generator=torch.Generator().manual_seed(0)).double().repeat(4001, 1)

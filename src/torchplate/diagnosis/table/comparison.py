@@ -36,7 +36,7 @@ class Weighed:
         model: with them, in all dofs.
         minima: the best first.
         evidence: −2 ln Z of all of them.
-        problem: that they solve.
+        modes: that its effects bring into the basis.
         rebuilt: whether its basis holds the modes of the best minimum.
         drawn: the likelihood over the whole box, with a sample of the posterior; None where Laplace's method is enough.
     """
@@ -45,7 +45,7 @@ class Weighed:
     model: PlateModel
     minima: tuple[Minimum, ...]
     evidence: float
-    problem: Problem
+    modes: tuple[Tensor, ...] = ()
     rebuilt: bool = False
     drawn: Integral | None = None
 
@@ -126,7 +126,7 @@ class Comparing:
             if not n:
                 break
         # The box may have several minima; those of the last turn are one, found from the best.
-        baseline = Weighed(None, plates.model, tuple(minima), together(minima), problem, True)
+        baseline = Weighed(None, plates.model, tuple(minima), together(minima), rebuilt=True)
         return baseline, Fitted.of(problem, minima[0])
 
     def _each(self, hypotheses: Sequence[Hypothesis], least: float) -> list[Weighed]:
@@ -147,31 +147,35 @@ class Comparing:
         model = self.plates.with_effects([part.candidate for part in hypothesis.parts], hypothesis.labels)
         column = ordered(hypothesis, model.names, self.plates.model.names)
         extra = _distinct([mode for part in hypothesis.parts for mode in part.modes])
-        problem = Problem(self.plates.reduced(model, extra), self.plates.evidence, self.prior, self.settings)
-        minima = problem.minima(hypothesis.starts[:, column], hopeless=hopeless)
+        minima = self._problem(model, extra).minima(hypothesis.starts[:, column], hopeless=hopeless)
         self.plates.n_evaluation += len(hypothesis.starts) * self.settings.n_iteration
-        return Weighed(hypothesis, model, tuple(minima), together(minima), problem)
+        return Weighed(hypothesis, model, tuple(minima), together(minima), extra)
+
+    def _problem(self, model: PlateModel, extra: Sequence[Tensor]) -> Problem:
+        """A model in the shared modes and some more. As large as all its elements in that basis: it is not kept."""
+        return Problem(self.plates.reduced(model, extra), self.plates.evidence, self.prior, self.settings)
 
     def rebuilt(self, found: Weighed) -> Weighed:
         """The same with the modes of the plate that was found in the basis: right in all dofs there."""
         assert found.hypothesis is not None
         plates, model = self.plates, found.model
-        extra = [mode for part in found.hypothesis.parts for mode in part.modes]
-        extra = _distinct([*extra, plates.solved(model, found.theta).shape])
-        problem = Problem(plates.reduced(model, extra), plates.evidence, self.prior, self.settings)
+        own = [mode for part in found.hypothesis.parts for mode in part.modes]
+        extra = _distinct([*own, plates.solved(model, found.theta).shape])
+        problem = self._problem(model, extra)
         turned = {one.turns for one in found.minima}
         kept = [one for one in found.minima if one.evidence < found.best.evidence + self.settings.near]
         # The basis is right at the best minimum and not at its images, which were told before.
         minima = problem.minima(
             torch.stack([one.position for one in kept]), self.settings.n_first, max(turned, key=len)
         )
-        return Weighed(found.hypothesis, model, tuple(minima), together(minima), problem, True)
+        return Weighed(found.hypothesis, model, tuple(minima), together(minima), extra, True)
 
     def integrated(self, found: Weighed) -> Weighed:
         """The same, its likelihood integrated over all its values."""
-        if not found.problem.free:
+        problem = self._problem(found.model, found.modes)
+        if not problem.free:
             return found
-        drawn = over_the_box(found.problem, found.minima)
+        drawn = over_the_box(problem, found.minima)
         self.plates.n_evaluation += len(drawn.places)
         return replace(found, evidence=drawn.evidence, drawn=drawn)
 
@@ -223,10 +227,10 @@ class Comparing:
         return [self.rebuilt(one) if one in some else one for one in ranked]
 
 
-def _distinct(modes: Sequence[Tensor]) -> list[Tensor]:
+def _distinct(modes: Sequence[Tensor]) -> tuple[Tensor, ...]:
     """Each once: two effects of a kind bring the same."""
     kept: list[Tensor] = []
     for mode in modes:
         if not any(mode is one for one in kept):
             kept.append(mode)
-    return kept
+    return tuple(kept)
