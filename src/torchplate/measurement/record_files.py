@@ -142,7 +142,8 @@ def _force_channel(table: RecordTable, path: Path, layout: Layout) -> tuple[int,
         found = _most_like_a_pulse(table.channels)
         return found, (
             f"No channel is named as the force: {names[found]!r}, of {n_channel}, has the shortest pulses and was "
-            "taken; --force names another."
+            f"taken; --force names another: --force {1 if found else 2}, say."
+            + (" The first number of --scale is the force's, the second the responses'." if found else "")
         )
     if layout.force.isdecimal() and 1 <= int(layout.force) <= n_channel:
         return int(layout.force) - 1, ""
