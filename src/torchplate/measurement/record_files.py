@@ -79,8 +79,13 @@ def _from_table(table: RecordTable, path: Path, layout: Layout) -> list[Recordin
     if n_channel < 2:
         raise MeasurementError(
             f"{path}: expected a force and at least one response, got {n_channel} channel. Export the hammer's channel "
-            "beside the responses; if it is a table of natural frequencies, write them into a config, as measurement: "
-            "{natural_frequencies: {1: 41.3, 2: 77.9}}."
+            "beside the responses"
+            + (
+                "; if it is a table of natural frequencies, write them into a config, as measurement: "
+                "{natural_frequencies: {1: 41.3, 2: 77.9}}."
+                if path.suffix.lower() in (".csv", ".txt")
+                else "."
+            )
         )
     force, remark = _force_channel(table, path, layout)
     others = [i for i in range(n_channel) if i != force]

@@ -21,7 +21,9 @@ from torchplate.measurement import (
     read_nodes,
     with_nodes,
 )
+from torchplate.nearest import nearest
 
+SUFFIXES = (".uff", ".unv", ".uf", ".npz")
 FEW, BEYOND = 10, 1.5
 """Lines below which a band has few, and its end over the file's last line from where it is not of this file."""
 
@@ -61,9 +63,23 @@ class Measured(Recipe):
                 if settings.file.exists()
                 else ""
             )
+            special = any(letter < " " for letter in str(settings.file))
+            shown = repr(str(path))[1:-1] if special else path
             near = os.path.relpath(settings.file, self.path.parent)
-            action = f"{here} write {near}." if here else " Correct the path, which counts from the config's folder."
-            raise self.error("measurement.file", f"Expected a file, found none at {path}.{action}")
+            like = nearest(path.name, [one.name for one in path.parent.glob("*") if one.suffix.lower() in SUFFIXES])
+            guess = f" Did you mean {settings.file.parent / like}?" if like else ""
+            if path.parts[len(self.path.parent.parts) :][:1] == ("~",):
+                guess = " ~ is not followed here: write the whole path."
+            elif special:
+                guess = " In double quotes YAML takes \\ for the beginning of a special character: write / instead."
+            action = (
+                f"{here} write {near}." if here else f"{guess} Correct the path, which counts from the config's folder."
+            )
+            raise self.error("measurement.file", f"Expected a file, found none at {shown}.{action}")
+        if path.is_dir():
+            raise self.error(
+                "measurement.file", f"Expected a file, got the folder {path}. Name a .uff or .npz file in it."
+            )
         frame = self.told("measurement.frame", lambda: Frame(**(settings.frame or FrameConfig()).model_dump()))
         frfs = self.told("measurement.file", lambda: read_measurement(path, settings.kind, frame.normal))
         if settings.nodes is not None:
