@@ -315,7 +315,27 @@ MISTAKES = {
     "config in the words of another program": Mistake(
         REFUSED, ["'length_x = 0.41' in line 2", "a colon"], text=lambda _: "[mesh]\nlength_x = 0.41\n"
     ),
+    # Of units
+    "density of air in g/cm³": Mistake(
+        SAID,
+        ["effects.air.density", "g/cm³", "write 1.2"],
+        {"effects.air": {"effect": "air_loading", "density": 1.2e-3}},
+    ),
+    "angle in degrees": Mistake(
+        SAID,
+        ["effects.grain.angle", "45 rad", "in degrees, write 0.7854"],
+        {
+            "effects.wood": {"effect": "orthotropy", "young_ratio": 0.1, "shear_factor": 0.5},
+            "effects.grain": {"effect": "grain_angle", "angle": 45.0},
+        },
+    ),
+    "hits off their marks in mm": Mistake(
+        SAID,
+        ["measurement.position_std", "a tenth of the longer side", "write 0.002"],
+        {"measurement.position_std": 2.0},
+    ),
     # Of values and keys
+    "edge in another program's word": Mistake(REFUSED, ["'fixed'", "Write clamped"], {"mesh.edges": {"x0": "fixed"}}),
     "kind by its motion": Mistake(
         REFUSED, ["'acceleration'", "Write accelerance"], {"measurement.kind": "acceleration"}
     ),

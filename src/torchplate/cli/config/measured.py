@@ -24,6 +24,8 @@ from torchplate.measurement import (
 from torchplate.nearest import nearest
 
 SUFFIXES = (".uff", ".unv", ".uf", ".npz")
+MISSED = 0.1
+"""Part of the longer side that nobody's hits are off their marks by."""
 FEW, BEYOND = 10, 1.5
 """Lines below which a band has few, and its end over the file's last line from where it is not of this file."""
 
@@ -107,6 +109,17 @@ class Measured(Recipe):
             hint = f" If it is in rad/s, write {_pair(*slow)}." if slow[1] <= 1.05 * last else ""
             return (f"{given} ends beyond {span}, whose last line counts as its end.{hint}",)
         return ()
+
+    def spread_remarks(self) -> tuple[str, ...]:
+        """What hits and sensors are said to be off their marks by, where it is more than anybody misses."""
+        std, mesh = self.config.measurement.position_std, self.config.mesh
+        longer = max(mesh.length_x.value, mesh.length_y.value)
+        if std is None or std <= MISSED * longer:
+            return ()
+        return (
+            f"measurement.position_std: {std:g} m is more than a tenth of the longer side, {longer:g} m. If it is in "
+            f"mm, write {1e-3 * std:g}.",
+        )
 
     def placement(self, frfs: Measurement) -> Placement:
         """Where the measurement's responses and references sit on the plate."""

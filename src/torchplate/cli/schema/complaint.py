@@ -20,8 +20,11 @@ VALUES: Final = dict.fromkeys(("float_parsing", "float_type"), "a number alone, 
     dict.fromkeys(("int_parsing", "int_type", "int_from_float"), "a whole number")
     | {"path_type": "the path of one file"}
 )
-# What is measured, by the name of the motion, and the FRF's.
-FRF_OF: Final = {
+# Words of other programs for those of a config.
+SYNONYMS: Final = {
+    "fixed": "clamped",
+    "pinned": "simply_supported",
+    "hinged": "simply_supported",
     "acceleration": "accelerance",
     "inertance": "accelerance",
     "velocity": "mobility",
@@ -76,7 +79,7 @@ def first_complaint(error: ValidationError, root: type[BaseModel] | None = None,
     message = message.removeprefix("Input should be ").replace("an instance of Sequence", "a list")
     if message.startswith(("Expected", "No ")):
         return key, message
-    named = FRF_OF.get(given.strip().lower()) if kind == "literal_error" and isinstance(given, str) else None
+    named = SYNONYMS.get(given.strip().lower()) if kind == "literal_error" and isinstance(given, str) else None
     remedy = f"Write {named}" if named and f"'{named}'" in message else "Correct it"
     return key, f"Expected {message}, got {shown(given)}. {remedy}."
 
