@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import torchplate
-from torchplate.notation import drop, number_of_percent, percent
+from torchplate.notation import counted, drop, number_of_percent, percent
 
 ROOT = Path(torchplate.__file__).parent
 
@@ -33,6 +33,11 @@ ROOT = Path(torchplate.__file__).parent
 )
 def test_a_part_is_printed_as_it_is_read(part, text):
     assert percent(part) == text
+
+
+def test_one_thing_is_no_plural():
+    assert [counted(n, "FRF") for n in (0, 1, 2)] == ["0 FRFs", "1 FRF", "2 FRFs"]
+    assert [counted(n, "frequency", "frequencies") for n in (1, 2)] == ["1 frequency", "2 frequencies"]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""One notation of gaps and other parts of a whole, wherever people read them."""
+"""One notation of gaps and other parts of a whole, and of counts, wherever people read them."""
 
 import math
 from typing import Final
@@ -54,3 +54,14 @@ def number_of_percent(part: float, digits: int = 3, *, decimals: int | None = No
         decimals: likewise.
     """
     return percent(part, digits, decimals=decimals).removesuffix(" %")
+
+
+def counted(n: int, one: str, many: str = "") -> str:
+    """A number of things: "1 FRF", "12 FRFs".
+
+    Args:
+        n: of them.
+        one: the word for one.
+        many: for several; with an s where left out.
+    """
+    return f"{n} {one if n == 1 else many or one + 's'}"

@@ -25,7 +25,7 @@ BAD_CONFIGS = {
     "wrong key in a side": ({"mesh.length_x": {"value": 0.41, "sdt": 1e-4}}, ["mesh.length_x", "'std'"]),
     "negative side": ({"mesh.length_x": -0.41}, ["mesh", "length_x", "above 0"]),
     "no elements": ({"mesh.n_x": 0}, ["mesh.n_x", "greater than 0"]),
-    "half an element": ({"mesh.n_x": 2.5}, ["mesh.n_x", "integer"]),
+    "half an element": ({"mesh.n_x": 2.5}, ["mesh.n_x", "whole number"]),
     "unknown edge": ({"mesh.edges": {"z0": "clamped"}}, ["mesh", "z0", "x0, x1, y0, y1"]),
     "unknown edge condition": ({"mesh.edges": {"x0": "glued"}}, ["mesh.edges.x0", "clamped", "glued"]),
     "unknown effect": ({"effects.wires.effect": "support_sprin"}, ["effects.wires.effect", "'support_spring'?"]),
@@ -46,7 +46,7 @@ BAD_CONFIGS = {
         ["effects.plate.thickness", "'log'"],
     ),
     "negative tolerance": ({"effects.plate.thickness": {"value": 0.003, "std": -1}}, ["effects.plate.thickness"]),
-    "nothing for a parameter": ({"effects.plate.thickness": None}, ["effects.plate.thickness", "None"]),
+    "nothing for a parameter": ({"effects.plate.thickness": None}, ["effects.plate.thickness", "got nothing"]),
     "yes for a parameter": ({"effects.plate.thickness": True}, ["effects.plate.thickness", "True"]),
     "negative thickness": ({"effects.plate.thickness": -0.003}, ["effects", "plate.thickness", "above 0", "-0.003"]),
     "interval through zero thickness": ({"effects.plate.thickness": [-0.1, 0.1]}, ["plate.thickness", "above 0"]),
@@ -145,7 +145,7 @@ BAD_FILES = {
     "not YAML": ("mesh: {length_x: [0.4\neffects:", ["YAML"]),
     "a tab": ("mesh:\n\tlength_x: 0.4\n", ["YAML"]),
     "a list": ("- 1\n- 2\n", ["mesh", "list"]),
-    "nothing": ("", ["mesh", "NoneType"]),
+    "nothing": ("", ["mesh", "an empty file"]),
     "a picture": (b"\x89PNG\r\n\x1a\n\x00\xff", ["YAML"]),
 }
 

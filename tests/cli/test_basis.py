@@ -118,3 +118,14 @@ def test_what_single_precision_found_is_polished_from_its_objective_in_double(be
     bench.run(["plate.youngs_modulus", "wires.stiffness"], settings)
     ((given, again),) = begun
     assert given == pytest.approx(again, rel=1e-12)
+
+
+def test_a_fine_mesh_without_a_basis_says_what_takes_the_time(bench, make_config, command, monkeypatch):
+    monkeypatch.setattr(basis, "reduce", lambda *_: None)
+    monkeypatch.setattr(basis, "DENSE", 30)
+    bench.write(make_config(["plate.youngs_modulus"], SETTINGS | {"search.n_generation": 1}))
+    status, out, _ = command("run", bench.folder / "plate.yaml", "--out", bench.folder / "out")
+    assert status == 0
+    said = " ".join(out.split())
+    assert "all 105 dofs, since no smaller basis is right over the whole box" in said
+    assert "narrower intervals, a lower end of the band or a coarser mesh take less" in said

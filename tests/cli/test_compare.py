@@ -205,5 +205,16 @@ def test_comparisons_of_plates_in_folders_of_their_own_go_beside_their_runs(benc
     assert (bench.folder / "runs" / "fine" / "comparison.csv").is_file()
 
 
+def test_no_name_is_broken_on_a_screen_of_80_letters(bench, tmp_path):
+    names = ["plate.youngs_modulus", "wires.stiffness", "wires.viscous_damping", "loss.stiffness_loss_factor"]
+    bench.run(names, {"search.n_generation": 2}, "de")
+    bench.run(names, {"search": ABC | {"n_generation": 2}}, "abc")
+    printed = StringIO()
+    compare([bench.folder / "de", bench.folder / "abc"], tmp_path / "out", Console(file=printed, width=80))
+    words = printed.getvalue().split()
+    assert {*names, "differential_evolution", "artificial_bee_colony"} <= set(words)
+    assert max(len(line) for line in printed.getvalue().splitlines() if "Comparison" not in line) <= 80
+
+
 def test_latex_sets_a_table_as_it_is_written():
     assert escaped("50 % of a_b & {c} \\ N/m²") == r"50 \% of a\_b \& \{c\} \textbackslash{} N/m\textsuperscript{2}"

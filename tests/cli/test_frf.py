@@ -40,7 +40,7 @@ def test_wav_recordings_become_frfs_with_coherence(records, tmp_path, command):
     assert (status, error) == (0, "")
     assert "4 FRFs (accelerance, H1) from 2 recordings" in text
     assert "last number in the files' names: 12 (plate_12.wav), 7 (plate_7.wav)" in text
-    assert "'channel 1', of 3, has the shortest pulses and was taken" in text
+    assert "'channel 1', of 3, has the shortest pulses and was taken; --force names another: --force 2, say.\n" in text
     assert "plate_12.wav, hit 2: the hammer hit twice" in text
     assert f"torchplate new {out} --nodes nodes.csv" in text
     measurement = read_measurement(out)

@@ -314,3 +314,10 @@ def test_modes_of_a_file_in_millimetres_come_with_their_frame(roved, tmp_path, c
     status, _, error = command("new", tmp_path / "modes.uff", "--out", tmp_path / "plate.yaml")
     assert status == 2
     assert "measurement: {modal_model: {file: modes.uff}}" in error
+
+
+def test_a_unit_that_is_guessed_says_how_another_is_told(roved, tmp_path, command):
+    file = written(roved, tmp_path / "test.uff", lambda p: (1e3 * p[0], 1e3 * p[1], 0.0))
+    _, out, _ = command("new", file, *PLATE, "--out", tmp_path / "plate.yaml")
+    assert "guess: coordinates taken in mm" in out
+    assert "--unit cm or --unit in" in out

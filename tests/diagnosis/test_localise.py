@@ -4,7 +4,9 @@ import pytest
 import torch
 
 from torchplate.diagnosis.localisation.channels import channel_gaps
+from torchplate.diagnosis.localisation.factor import Factor
 from torchplate.diagnosis.localisation.localise import localise, missing_force
+from torchplate.diagnosis.localisation.sentences import of_kind
 from torchplate.effects import CATALOGUE
 from torchplate.measurement.noise import noise_level
 
@@ -227,3 +229,10 @@ def test_what_was_not_measured_counts_nowhere(lab):
     assert len(found.channels) == 18
     assert found.kind["mass"] > 0.95
     assert highest(found.map) == pytest.approx((0.27, 0.68), abs=0.1)
+
+
+def test_where_no_kind_explains_much_no_force_is_denied_that_may_be_free_at_every_line():
+    # The table beside it has such a force, with next to all of the misfit.
+    nothing = Factor(0.0, 1.0, 0.0, "", (0.0, 0.0))
+    (sentence,) = of_kind(None, nothing, nothing)
+    assert sentence.startswith("No spring, dashpot or mass at one place, no gain")

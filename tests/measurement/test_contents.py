@@ -28,7 +28,7 @@ EXPECTED = {
     "groups_test.uff": ("m, N", "74 nodes", "z 0 to 50", "144 triangles", "149 tetrahedra", "groups"),
     "mesh_Oros-modal_uff15_uff2412.uff": ("96 nodes", "72 quads", "CS1"),
     "non_ascii_header.uff": ("frequency response function", "6 values, 0 to 0.976565 Hz", "--kind accelerance --nodes"),
-    "sample_dataset58_psd.uff": ("power spectral density", "3201 values, uneven spacing", "natural_frequencies"),
+    "sample_dataset58_psd.uff": ("power spectral density", "3201 values, 0 to 3200 Hz, step 1,", "natural_frequencies"),
     "time-history-not-all-columns-filled.uff": ("time response", "20000 Hz", "m/s²"),
     "uff55_translation.uff": ("3 of a normal mode", "10 Hz, 12 Hz, 13 Hz", "{modal_model: {file: uff55"),
 }  # fmt: skip
@@ -59,6 +59,55 @@ def test_frfs_and_their_geometry_name_the_command(tmp_path, make_measurement):
         assert word in text
     assert describe(path).has_frf
     assert not describe(path).has_time
+
+
+ONE = """
+    -1
+    18
+         7         0         0         8         1
+SYS7
+  0.00000E+00  0.00000E+00  0.00000E+00  1.00000E+00  0.00000E+00  0.00000E+00
+  0.00000E+00  0.00000E+00  1.00000E+00
+    -1
+    -1
+  2411
+         4         7         0        11
+   1.0000000000000000E-01   2.0000000000000000E-01   0.0000000000000000E+00
+    -1
+    -1
+  2412
+         1        94         1         1         7         4
+         1         2         3         4
+         2       111         1         1         7         4
+         1         2         3         5
+    -1
+"""
+
+
+def test_one_of_a_kind_is_no_plural(tmp_path):
+    (tmp_path / "one.uff").write_text(ONE[1:])
+    text = words(tmp_path / "one.uff")
+    assert "1 coordinate system: SYS7" in text
+    assert "geometry: 1 node, labels 4 to 4" in text
+    assert "as stated in 1 coordinate system of their own" in text
+    assert "elements: 1 quad, 1 tetrahedron |" in text
+
+
+@pytest.mark.parametrize(
+    ("line", "text"), [([0, 2, 4, 6], "4 values, 0 to 6 Hz, step 2,"), ([0, 2, 4, 7], "0 to 7 Hz, uneven spacing,")]
+)
+def test_lines_that_are_written_one_by_one_are_described_by_their_values(line, text, tmp_path):
+    path = tmp_path / "frf.uff"
+    pyuff.UFF(str(path)).write_sets(
+        {
+            "type": 58, "func_type": 4, "rsp_node": 1, "rsp_dir": 3, "ref_node": 2, "ref_dir": 3, "id1": "NONE",
+            "x": np.array(line, dtype=float), "data": np.ones(4) + 1j, "binary": 0, "abscissa_spacing": 0,
+            "rsp_ent_name": "NONE", "ref_ent_name": "NONE", "abscissa_axis_units_lab": "Hz",
+            "ordinate_spec_data_type": 12, "orddenom_spec_data_type": 13,
+        },
+        "add",
+    )  # fmt: skip
+    assert text in words(path)
 
 
 def test_modes_with_damping_are_listed_in_rising_order(tmp_path):

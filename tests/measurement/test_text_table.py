@@ -101,7 +101,8 @@ def test_a_force_that_nothing_names_is_found_by_its_pulses_and_said(tmp_path):
     (found,) = read_recordings(path)
     np.testing.assert_allclose(found.force, FORCE, atol=1e-8)
     (note,) = found.notes
-    assert "'three', of 3, has the shortest pulses and was taken; --force names another" in note
+    assert "'three', of 3, has the shortest pulses and was taken; --force names another: --force 1, say." in note
+    assert "The first number of --scale is the force's" in note
 
 
 @pytest.mark.parametrize(

@@ -172,6 +172,24 @@ def test_beyond_the_dense_size_the_answer_is_as_good(monkeypatch):
     assert frf_error(model, small, members(model, 3)) < BEYOND_CHECKED * TOLERANCE
 
 
+def test_the_softest_member_of_a_wide_box_has_its_modes_in_the_basis(monkeypatch):
+    # At a sixth of the thickness all natural frequencies are a sixth: the band holds six times the modes of the middle.
+    monkeypatch.setattr(fine_mesh, "DENSE", 100)
+    searched = {
+        "plate.thickness": Searched(5e-4, 1.8e-2, True),
+        "loss.stiffness_loss_factor": Searched(1e-4, 0.1, True),
+    }
+    free = {"wires.stiffness": 0.0, "wires.viscous_damping": 0.0, "plate.thickness": 3e-3}
+    model = plate(Mesh(0.47, 0.31, 14, 9), searched, **free)
+    frequency = torch.linspace(20.0, 150.0, 200, dtype=torch.float64)
+    found = reduce(model, frequency, tolerance=TOLERANCE)
+    assert found is not None, "no basis: each member would have an eigenproblem of its own"
+    small, error = found
+    assert error <= TOLERANCE
+    ends = model.space.to_si(torch.tensor([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]], dtype=torch.float64))
+    assert frf_error(model, small, ends, frequency[::10]) < BEYOND_CHECKED * TOLERANCE
+
+
 @pytest.mark.parametrize("dense", [True, False])
 def test_close_modes_are_kept_or_left_together(monkeypatch, dense):
     if not dense:

@@ -301,3 +301,12 @@ class TestTensorBoard:
         assert [events.Scalars(tag)[0].value for tag in ("gap/point_mass", "gap/point_mass_2")] == pytest.approx(
             [0.3, 0.2]
         )
+
+
+def test_the_places_of_a_candidate_have_three_digits(tmp_path):
+    place = 0.9656002751977983, 0.9080882352941176
+    turned = samples.Scored("channel_polarity", {"channels": ((place, None),)}, 0.0, {}, (), None, "rejected")
+    samples.write_diagnosis("plate", replace(samples.diagnosis(n_line=12), scores=((turned,),)), tmp_path)
+    written = (tmp_path / "report.html").read_text()
+    assert "[[[0.966, 0.908], any]]" in written
+    assert "0.96560" not in written

@@ -18,6 +18,7 @@ from torchplate.report import png
 from torchplate.report.diagnosis_figures import N_PANEL, figures, panels
 from torchplate.report.frf_figure import shown
 from torchplate.report.mode_shapes import composite, mode_shapes, modes_of
+from torchplate.report.plate_map import plate_map
 from torchplate.report.style import AFTER, BEFORE, MEASURED
 
 _spec = importlib.util.spec_from_file_location("samples", Path(__file__).with_name("samples.py"))
@@ -263,3 +264,14 @@ class TestFigures:
         for line in figure.axes[0].lines:
             for centre in figure.axes[0].transData.transform(np.column_stack(line.get_data())):
                 assert not any(box.contains(*centre) for box in boxes)
+
+    @pytest.mark.parametrize("narrow", [False, True])
+    def test_labels_of_channels_at_the_edges_lie_on_no_number_of_an_axis(self, narrow):
+        figure = plate_map(diagnosis((1, 5, 9, 4), (12, 8, 10, 2), n_line=12), narrow)
+        figure.draw_without_rendering()
+        axis = figure.axes[0]
+        assert {"1w", "9w", "12w"} <= {text.get_text() for text in axis.texts}
+        numbers = [one for one in (*axis.get_xticklabels(), *axis.get_yticklabels()) if one.get_text()]
+        for text in axis.texts:
+            box = text.get_window_extent()
+            assert not [one.get_text() for one in numbers if box.overlaps(one.get_window_extent())], text.get_text()

@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 
 from torchplate.cli.arguments import VERBS
+from torchplate.nearest import did_you_mean
 
 # What the machine may refuse, and what the user can do about it.
 OUTSIDE = {
@@ -107,6 +108,10 @@ def _main(given: list[str]) -> int:
     # The others need not be asked what they take.
     verb = next((word for word in given if not word.startswith("-")), "")
     whole = parser(verb)
+    if verb and verb not in VERBS:
+        if verb.endswith((".yaml", ".yml")):
+            whole.error(f"expected a verb before a file, got '{verb}'. Write torchplate run {verb}, say.")
+        whole.error(f"no verb '{verb}'.{did_you_mean(verb, VERBS)} There are: {', '.join(VERBS)}.")
     parsed, left = whole.parse_known_args(given)
     # What follows `--set search.seed` belongs to it: the verb says how it is written.
     if left and all("=" in override for override in getattr(parsed, "set", [])):

@@ -35,6 +35,12 @@ def in_reduced_basis(
         return objective, None
     small = reduce(model, *wanted(objective))
     if small is None:
+        if model.assembly.size > DENSE:
+            say(
+                f"all {model.assembly.size} dofs, since no smaller basis is right over the whole box: each member "
+                "takes an eigenproblem of its own; narrower intervals, a lower end of the band or a coarser mesh take "
+                "less"
+            )
         return objective, None
     vectors = "vectors" if small[0].shared_modes is None else "modes that all members share"
     say(

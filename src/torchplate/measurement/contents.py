@@ -17,7 +17,7 @@ from torchplate.measurement.measurement import KINDS, MeasurementError
 from torchplate.measurement.modal_uff import COMPLEX, NORMAL, pole_of
 from torchplate.measurement.parsing import reads
 from torchplate.measurement.uff_file import UffFile, open_uff
-from torchplate.notation import percent
+from torchplate.notation import counted, percent
 
 FUNCTION: Final = {
     0: "general or unknown function",
@@ -64,18 +64,21 @@ UNIT_CODE: Final = {
     9: "its own units",
 }
 ELEMENT: Final = {
-    11: "rods",
-    21: "beams",
-    22: "beams",
-    24: "beams",
-    41: "triangles",
-    44: "quads",
-    91: "triangles",
-    94: "quads",
-    111: "tetrahedra",
-    112: "wedges",
-    115: "bricks",
+    11: "rod",
+    21: "beam",
+    22: "beam",
+    24: "beam",
+    41: "triangle",
+    44: "quad",
+    91: "triangle",
+    94: "quad",
+    111: "tetrahedron",
+    112: "wedge",
+    115: "brick",
 }
+# Steps that differ by less, relative to themselves, are those of one step written with few digits.
+EVEN = 1e-4
+PLURAL: Final = {"tetrahedron": "tetrahedra"}
 ANALYSIS: Final = {
     0: "unknown",
     1: "static",
@@ -187,10 +190,12 @@ def _nodes(held: Held) -> Part:
         for axis, row in zip("xyz", xyz, strict=True)
     ]
     systems = {int(x) for t in tables for x in np.asarray(t["def_cs"], dtype=float)} - {0, 1}
-    detail = f"geometry: {labels.size} nodes, labels {labels.min()} to {labels.max()}, {', '.join(spans)} (file's unit)"
+    detail = (
+        f"geometry: {counted(labels.size, 'node')}, labels {labels.min()} to {labels.max()}, "
+        f"{', '.join(spans)} (file's unit)"
+    )
     if systems:
-        many = f"{len(systems)} coordinate systems" if len(systems) > 1 else "1 coordinate system"
-        detail += f"; as stated in {many} of their own"
+        detail += f"; as stated in {counted(len(systems), 'coordinate system')} of their own"
     flat = np.linalg.matrix_rank(xyz - xyz.mean(axis=1, keepdims=True), tol=0.01 * max(float(np.ptp(xyz)), 1e-12)) < 3
     detail += "; in one plane" if flat else "; not in one plane"
     name = shlex.quote(held.path.name)
@@ -236,14 +241,14 @@ def _systems(held: Held) -> Part:
     shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
     return Part(
         held.title,
-        f"{len(names)} coordinate systems: {shown}",
+        f"{counted(len(names), 'coordinate system')}: {shown}",
         "places and directions of nodes that name one of them are turned into the global system",
     )
 
 
 def _lines(held: Held) -> Part:
     counts = [len(np.flatnonzero(np.asarray(held.file.read(index)["nodes"]))) for index in held.indices]
-    return Part(held.title, f"trace lines through {sum(counts)} nodes", "shown only: a mesh is made anew")
+    return Part(held.title, f"trace lines through {counted(sum(counts), 'node')}", "shown only: a mesh is made anew")
 
 
 def _elements(held: Held) -> Part:
@@ -252,8 +257,9 @@ def _elements(held: Held) -> Part:
         # pyuff lists triangles and quads a second time, by name.
         for kind_number, group in held.file.read(index).items():
             if isinstance(kind_number, int):
-                counts[ELEMENT.get(kind_number, f"of type {kind_number}")] += len(group)
-    detail = ", ".join(f"{n} {name}" for name, n in counts.items()) or "none that is known here"
+                counts[ELEMENT.get(kind_number, f"element of type {kind_number}")] += len(group)
+    named = [counted(n, name, PLURAL.get(name, "")) for name, n in counts.items()]
+    detail = ", ".join(named) or "none that is known here"
     return Part(held.title, f"elements: {detail}", "shown only: a mesh is made anew")
 
 
@@ -274,7 +280,7 @@ def _shapes(held: Held) -> Part:
             pole = pole_of(one, held.kind, analysis)
             modes += [pole] if pole[0] > 0 else []
     what = ", ".join(f"{n} of a {name}" for name, n in kinds.items())
-    detail = f"data at {len(nodes)} nodes: {what}"
+    detail = f"data at {counted(len(nodes), 'node')}: {what}"
     if not modes:
         return Part(held.title, detail, "not used: no mode with a natural frequency is among them")
     modes.sort()
@@ -285,12 +291,15 @@ def _shapes(held: Held) -> Part:
 
 def _functions(file: UffFile, indices: Sequence[int], path: Path) -> tuple[list[Part], set[int]]:
     groups: dict[tuple[int, int, int, int], list[dict[str, Any]]] = defaultdict(list)
+    firsts: dict[tuple[int, int, int, int], int] = {}
     broken = 0
     for index in indices:
         try:
             header = file.header(index)
-            key = (int(header["func_type"]), int(header["num_pts"]))
-            groups[*key, int(header["ordinate_spec_data_type"]), int(header["orddenom_spec_data_type"])].append(header)
+            quantities = (int(header["ordinate_spec_data_type"]), int(header["orddenom_spec_data_type"]))
+            key = (int(header["func_type"]), int(header["num_pts"]), *quantities)
+            groups[key].append(header)
+            firsts.setdefault(key, index)
         except (MeasurementError, KeyError, ValueError):
             broken += 1
     parts = []
@@ -299,7 +308,8 @@ def _functions(file: UffFile, indices: Sequence[int], path: Path) -> tuple[list[
     for (function, n, over, under), headers in sorted(groups.items(), key=lambda item: item[0]):
         first = headers[0]
         name = FUNCTION.get(function, f"function type {function}")
-        detail = f"{n} values, {_abscissa(first, n)}, {_quantity(over, under, first)}, {_channels(headers)}"
+        lines = _abscissa(file, firsts[function, n, over, under], first)
+        detail = f"{counted(n, 'value')}, {lines}, {_quantity(over, under, first)}, {_channels(headers)}"
         use = _use_of(function, over, forces, path, told)
         parts.append(Part(f"dataset 58, {len(headers)} × {name}", detail, use))
     if broken:
@@ -307,15 +317,23 @@ def _functions(file: UffFile, indices: Sequence[int], path: Path) -> tuple[list[
     return parts, {key[0] for key in groups}
 
 
-def _abscissa(header: dict[str, Any], n: int) -> str:
+def _abscissa(file: UffFile, index: int, header: dict[str, Any]) -> str:
+    """First and last line of a dataset 58 and their step, by its header or, where that has none, by its values."""
     unit = str(header.get("abscissa_axis_units_lab", "")).strip()
-    if int(header["abscissa_spacing"]) != 1:
-        return f"uneven spacing [{unit or '?'}]"
-    start, step = float(header["abscissa_min"]), float(header["abscissa_inc"])
+    n, step = int(header["num_pts"]), float(header["abscissa_inc"])
+    start = float(header["abscissa_min"])
     end = start + step * max(n - 1, 0)
-    return f"{start:g} to {end:g} {unit}, step {step:g}" + (
-        f" ({1 / step:g} Hz)" if int(header["func_type"]) == 1 and step > 0 else ""
-    )
+    if int(header["abscissa_spacing"]) != 1:
+        try:
+            line = np.asarray(file.read(index)["x"], dtype=float)
+            start, end = float(line[0]), float(line[-1])
+        except (MeasurementError, KeyError, ValueError, IndexError):
+            return f"uneven spacing [{unit or '?'}]"
+        step = (end - start) / max(len(line) - 1, 1)
+        if bool((np.abs(np.diff(line) - step) > EVEN * abs(step)).any()):
+            return f"{start:g} to {end:g} {unit}".strip() + ", uneven spacing"
+    span = f"{start:g} to {end:g} {unit}".strip()
+    return f"{span}, step {step:g}" + (f" ({1 / step:g} Hz)" if int(header["func_type"]) == 1 and step > 0 else "")
 
 
 def _quantity(over: int, under: int, header: dict[str, Any]) -> str:

@@ -173,7 +173,8 @@ def _unit(
             share = f"the points then span {percent(fits[name], 2)} of the longer side"
             return name, Said(f"coordinates taken in {name}: {share}", name != "m")
     if float(max(np.abs(low).max(), np.abs(high).max())) > LARGE:
-        return "mm", Said(f"coordinates taken in mm: a plate of {reach:g} m is not likely", True)
+        why = f"a plate of {reach:g} m is not likely; give --unit cm or --unit in if they are in one of these"
+        return "mm", Said(f"coordinates taken in mm: {why}", True)
     return "m", Said("coordinates taken in m, as universal files have them", False)
 
 

@@ -162,6 +162,8 @@ class Measurement:
         Raises:
             MeasurementError: No line lies in the band.
         """
+        if low >= high:
+            raise self._error("a band from low to high", f"{low:g} to {high:g} Hz", "Swap the ends")
         # Half a millionth of the band's edge: a header's increment has six digits, so that
         # 400 Hz may read 399.9998.
         slack = 5e-7 * max(abs(low), abs(high))
@@ -298,6 +300,10 @@ class Measurement:
             raise MeasurementError(
                 f"{path}: expected frequency [n_frequency] and frf [n_frequency, n_response, n_reference], "
                 f"got {arrays['frequency'].shape} and {frf.shape}. Reshape them before saving."
+            )
+        if frf.any() and not frf.imag.any() and bool((frf.real[np.isfinite(frf.real)] >= 0).all()):
+            raise MeasurementError(
+                f"{path}: expected complex FRFs, got amplitudes without a phase in frf. Save the complex values."
             )
         for key in ("frequency", "coherence"):
             if key in arrays and arrays[key].dtype.kind not in "iuf":

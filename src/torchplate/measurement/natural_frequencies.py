@@ -113,7 +113,10 @@ def assumed(table: NaturalFrequencies) -> str:
         return ""
     rounding = float(printed_unit(table).max()) / math.sqrt(12)
     which = "The table gives no standard deviation:" if table.std is None else "Where the table gives none,"
+    # Frequencies that were computed have all their digits.
+    seen = rounding > SCATTER**2 * float(table.frequency.min())
+    rounded = f", and of up to {rounding:.2g} Hz, the rounding to the printed digits" if seen else ""
     return (
-        f"{which} a standard deviation of {percent(SCATTER)} is assumed, the scatter of a careful test, and of "
-        f"up to {rounding:.2g} Hz, the rounding to the printed digits. Give {{value: , std: }} where you know better."
+        f"{which} a standard deviation of {percent(SCATTER)} is assumed, the scatter of a careful test{rounded}. "
+        "Give {value: , std: } where you know better."
     )

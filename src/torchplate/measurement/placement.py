@@ -9,11 +9,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from torchplate.measurement.frame import METRES
 from torchplate.measurement.measurement import Channel, Measurement, MeasurementError
 
 OFF_PLATE: Final = 0.01
 """How far off the plate a channel may sit, over the longer side [-]. A ruler, a sensor's radius and a plate cut a
 little small explain about 1 %; more is a wrong unit, a wrong side length or another origin."""
+
+
+UNIT: Final = {"m": "metres", "mm": "millimetres", "cm": "centimetres", "in": "inches"}
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,7 @@ def place_points(
 def _matched(ends: Sequence[Channel], grid: "_Grid") -> tuple[list[Match], bool]:
     """Each channel's place, and whether it is by coordinates."""
     located = [channel.coordinate is not None for channel in ends]
+    unit = _unit_of(ends, grid)
     for channel in ends:
         if channel.direction != "w":
             raise MeasurementError(
@@ -123,7 +128,25 @@ def _matched(ends: Sequence[Channel], grid: "_Grid") -> tuple[list[Match], bool]
                 f"for {channel.label}. Add its node to dataset 15 or 2411, or remove all coordinates to match by "
                 "node number."
             )
-    return [grid.by_coordinate(c) if any(located) else grid.by_node(c) for c in ends], any(located)
+    return [grid.by_coordinate(c, unit) if any(located) else grid.by_node(c) for c in ends], any(located)
+
+
+def _unit_of(ends: Sequence[Channel], grid: "_Grid") -> str:
+    """The unit that coordinates far beyond the plate look to be in: of those that fit on it the largest; else mm."""
+    placed = [channel.coordinate for channel in ends if channel.coordinate is not None]
+    if not placed:
+        return ""
+    spans = [max(values) - min(0.0, *values) for values in list(zip(*placed, strict=True))[:2]]
+    longer = max(grid.length_x, grid.length_y)
+    if max(abs(value) for point in placed for value in point[:2]) <= 20 * longer:
+        return ""
+    fitting = [
+        name
+        for name, metres in METRES.items()
+        if spans[0] * metres <= grid.length_x + OFF_PLATE * longer
+        and spans[1] * metres <= grid.length_y + OFF_PLATE * longer
+    ]
+    return max(fitting, key=METRES.__getitem__, default="mm")
 
 
 def _counts(n_response: int, n_reference: int) -> str:
@@ -163,7 +186,7 @@ class _Grid:
     n_y: int
     source: str
 
-    def by_coordinate(self, channel: Channel) -> Match:
+    def by_coordinate(self, channel: Channel, unit: str) -> Match:
         assert channel.coordinate is not None
         x, y, _ = channel.coordinate
         on_x, on_y = min(max(x, 0.0), self.length_x), min(max(y, 0.0), self.length_y)
@@ -171,14 +194,13 @@ class _Grid:
         name = channel.label if channel.node else "each point"
         longer = max(self.length_x, self.length_y)
         if not outside <= OFF_PLATE * longer:
-            millimetres = max(abs(x), abs(y)) > 20 * longer
             raise MeasurementError(
                 f"{self.source}: expected {name} on the plate of {self.length_x:g} × {self.length_y:g} m, got "
                 f"({x:g}, {y:g}) m, {outside:.3g} m off it. "
                 + (
-                    "The coordinates look like millimetres: write measurement.frame: {unit: mm}, or state the unit in "
-                    "dataset 164."
-                    if millimetres
+                    f"The coordinates look like {UNIT[unit]}: write measurement.frame: {{unit: {unit}}}, or state the "
+                    "unit in dataset 164."
+                    if unit
                     else "Check mesh.length_x and mesh.length_y, and that the coordinates start at the plate's corner."
                 )
             )

@@ -55,6 +55,10 @@ class Limits:
 
 
 LIMITS: Final = Limits()
+# Frequencies within this factor of each other may be of one plate.
+FITS: Final = 1.3
+# Rigid-body modes of a free body; a plate that only bends has three of them at most.
+IN_SPACE: Final = 6
 # What the measured level is of the model's, where a unit is mistaken for another: what it looks like.
 LEVELS: Final = (
     (1 / 9.80665, "g that are labelled m/s²", ("accelerance",)),
@@ -129,14 +133,40 @@ class _Box:
         if low > self.limits.frequency or high < 1 / self.limits.frequency:
 
             def fits(scale: float) -> bool:
-                return low * scale < 1.3 and high * scale > 1 / 1.3
+                return low * scale < FITS and high * scale > 1 / FITS
 
+            if shifted := self._other_numbers(mode[kept], value[kept]):
+                yield shifted
+                return
             written = [f"if they are in {unit}, {action}" for factor, unit, action in FREQUENCIES if fits(factor)]
             remedy = f"Measured ones are in Hz: {written[0]}." if written else self._units(fits)
             yield (
                 f"The model's natural frequencies are {_span(low, high)} times the measured ones, whatever the values "
                 f"in the intervals. {remedy}"
             )
+
+    def _other_numbers(self, mode: Tensor, value: Tensor) -> str:
+        """Where the modes' numbers leave the rigid-body modes out, or count six of them as a body in space has."""
+        n = self.n_rigid
+        counted = f"{n} rigid-body mode{'s' * (n > 1)}"
+        for step, what in (
+            (n, f"leave the plate's {counted} out"),
+            (n - IN_SPACE, f"count {IN_SPACE} and not {counted}"),
+        ):
+            number = mode + step
+            inside = (number > n) & (number <= self.frequency.shape[-1])
+            if step == 0 or n == 0 or not bool(inside.all()):
+                continue
+            ratio = (self.frequency[:, number - 1] / value).median(dim=-1).values
+            if float(ratio.min()) < FITS and float(ratio.max()) > 1 / FITS:
+                told = ", ".join(
+                    f"{int(one)}: {float(hertz):g}" for one, hertz in zip(number[:3], value[:3], strict=True)
+                )
+                return (
+                    f"The numbers of the natural frequencies seem to {what}: they would fit as "
+                    f"{{{told}{', ...' * (len(number) > 3)}}}."
+                )
+        return ""
 
     def of_counts(self, measurement: Measurement) -> Iterator[str]:
         low, high = float(measurement.frequency[0]), float(measurement.frequency[-1])

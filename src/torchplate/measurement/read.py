@@ -23,6 +23,8 @@ _TABLE = f"{_HITS}; {_OF_NATURAL_FREQUENCIES}; for FRFs export UFF 58"
 WAY_ON: Final = {
     ".csv": _TABLE,
     ".txt": _TABLE,
+    **dict.fromkeys((".yaml", ".yml"), "That is a config, which torchplate run and torchplate diagnose take"),
+    **dict.fromkeys((".gz", ".zip", ".7z", ".rar"), "Unpack it"),
     ".wav": _HITS,
     ".lvm": _HITS,
     ".mat": f"{_HITS}; for FRFs export UFF 58, or numpy.savez of frequency [n], frf [n, response, reference] and the "
@@ -50,7 +52,8 @@ def read_measurement(path: Path, kind: str | None = None, normal: int = 3) -> Me
             f"{path.suffix or 'none'!r}. {WAY_ON.get(suffix, 'Export it as UFF 58, or name it by its format')}."
         )
     if not path.is_file():
-        raise MeasurementError(f"{path}: expected a measurement file, got none there. Check the path.")
+        came = "a folder" if path.is_dir() else "none there"
+        raise MeasurementError(f"{path}: expected a measurement file, got {came}. Check the path.")
     return Measurement.from_npz(path, kind) if suffix == ".npz" else read_uff(path, kind, normal)
 
 

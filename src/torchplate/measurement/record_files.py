@@ -79,8 +79,13 @@ def _from_table(table: RecordTable, path: Path, layout: Layout) -> list[Recordin
     if n_channel < 2:
         raise MeasurementError(
             f"{path}: expected a force and at least one response, got {n_channel} channel. Export the hammer's channel "
-            "beside the responses; if it is a table of natural frequencies, write them into a config, as measurement: "
-            "{natural_frequencies: {1: 41.3, 2: 77.9}}."
+            "beside the responses"
+            + (
+                "; if it is a table of natural frequencies, write them into a config, as measurement: "
+                "{natural_frequencies: {1: 41.3, 2: 77.9}}."
+                if path.suffix.lower() in (".csv", ".txt")
+                else "."
+            )
         )
     force, remark = _force_channel(table, path, layout)
     others = [i for i in range(n_channel) if i != force]
@@ -142,7 +147,8 @@ def _force_channel(table: RecordTable, path: Path, layout: Layout) -> tuple[int,
         found = _most_like_a_pulse(table.channels)
         return found, (
             f"No channel is named as the force: {names[found]!r}, of {n_channel}, has the shortest pulses and was "
-            "taken; --force names another."
+            f"taken; --force names another: --force {1 if found else 2}, say."
+            + (" The first number of --scale is the force's, the second the responses'." if found else "")
         )
     if layout.force.isdecimal() and 1 <= int(layout.force) <= n_channel:
         return int(layout.force) - 1, ""

@@ -122,6 +122,8 @@ def _complete(path: Path) -> Any:
         raise MeasurementError(
             f"{path}: expected a universal file in plain text, got UTF-16. Save it as ASCII, or export it again."
         )
+    if content.startswith((b"\x1f\x8b", b"PK\x03\x04")):
+        raise MeasurementError(f"{path}: expected a universal file, got one that is compressed. Unpack it.")
     try:
         file = pyuff.UFF(str(path))
         n_set = file.get_n_sets()

@@ -81,9 +81,12 @@ def reduce(
     if not model.names:
         # All of these are one.
         estimated, seen = more, more
-    if factors(model.assembly, model.plan(build[0]), model.plan(everyone)) is not None:
-        # All have the modes of the first.
+    reached = frequency
+    if (found := factors(model.assembly, model.plan(build[0]), model.plan(everyone))) is not None:
+        # All have the modes of the first; the softest and heaviest reads them furthest above the band.
         build = build[:1]
+        if frequency is not None:
+            reached = frequency * (found[1] / found[0]).max().clamp(min=1.0).sqrt().to(frequency)
     if also is not None:
         build = torch.cat([build, also])
     if frequency is not None and not n_mode and not fine:
@@ -103,7 +106,7 @@ def reduce(
     full: Full | None = None
     for turn, ((margin, independent), probe) in enumerate(rounds):
         if columns is None or columns.margin != margin:
-            columns = _ritz_columns(model, build, frequency, n_mode, margin)
+            columns = _ritz_columns(model, build, reached, n_mode, margin)
         basis = columns.independent(independent)
         if basis.shape[-1] > model.assembly.size // 2:
             return None

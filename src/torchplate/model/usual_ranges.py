@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from torchplate.effects import EdgeSpring, GroundSpring, Plate, SupportSpring
+from torchplate.effects import AirLoading, EdgeSpring, GroundSpring, Plate, SupportSpring
 from torchplate.model.plate_model import PlateModel
 from torchplate.plate import ELEMENTS_PER_WAVELENGTH, bending_wavelength
 
@@ -64,6 +64,10 @@ BLOCK, THICK = 1.0, 0.1
 MASSES = (1e-5, 1e4)
 # Wires of 4 m let a plate swing at 0.25 Hz; longer ones hang in no laboratory.
 SLOWEST, GRAVITY = 0.25, 9.81
+# Axes of a plate that are turned further are named the other way round.
+RIGHT_ANGLE = math.pi / 2
+# Of air [kg/m³], as thin as 20 km up, where nobody tests plates.
+THIN_AIR = 0.1
 # Elements along a bending wave below which natural frequencies are a tenth off and more; less is a diagnosis' to name.
 COARSE = 1.5
 
@@ -187,6 +191,18 @@ def _unusual(model: PlateModel) -> Iterator[Remark]:
                     f"effects.{label}.{name}",
                     f"{value} is unusual: loss factors of plates mostly lie below 0.5. If it is in per cent, write "
                     f"{value.times(0.01).as_written()}.",
+                )
+            if parameter.unit == "rad" and (value.low > RIGHT_ANGLE or value.high < -RIGHT_ANGLE):
+                yield Remark(
+                    f"effects.{label}.{name}",
+                    f"{value} rad is more than a right angle. If it is in degrees, write "
+                    f"{value.times(math.pi / 180).as_written()}.",
+                )
+            if isinstance(effect, AirLoading) and name == "density" and 0 < value.high < THIN_AIR:
+                yield Remark(
+                    f"effects.{label}.{name}",
+                    f"{value} kg/m³ is unusual: the air of a room has 1.2. If it is in g/cm³, write "
+                    f"{value.times(1e3).as_written()}.",
                 )
     yield from _swinging(model, mass)
 

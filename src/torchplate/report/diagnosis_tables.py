@@ -201,4 +201,8 @@ def _of(options: Mapping[str, Any]) -> str:
 def _plain(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return {None: "any", True: "yes", False: "no"}[value]
-    return "[" + ", ".join(map(_plain, value)) + "]" if isinstance(value, list | tuple) else f"{value}"
+    return "[" + ", ".join(map(_plain, value)) + "]" if isinstance(value, list | tuple) else _told(value)
+
+
+def _told(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else f"{value}"

@@ -29,6 +29,7 @@ def gap_figure(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
     gap, steps = diagnosis.gap, _steps(diagnosis)
     paired = any(step.heldout is not None for step in steps)
     paper = {"facecolor": PAPER, "edgecolor": "none", "pad": 0.8, "alpha": 0.85}
+    opaque = paper | {"alpha": 1.0}
     row = (0.62 if paired else 0.46) + 0.2 * narrow
     figure = Figure(figsize=(NARROW if narrow else 9, 1.35 + 0.2 * narrow + row * len(steps)), layout="constrained")
     axis = figure.subplots()
@@ -47,7 +48,7 @@ def gap_figure(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
                           bbox=paper)  # fmt: skip
         if narrow:
             top = turn + 0.12 - (len(own) * (height + 0.04)) / 2
-            axis.annotate(_name(step), (0, top), (0, 1), xycoords=("axes fraction", "data"), bbox=paper,
+            axis.annotate(_name(step), (0, top), (0, 1), xycoords=("axes fraction", "data"), bbox=opaque,
                           textcoords="offset points", va="bottom", fontsize=8.5, color=INK, zorder=6)  # fmt: skip
     axis.axvline(gap.noise_floor, color=MEASURED, lw=1.2, ls=(0, (5, 3)), zorder=3)
     axis.set_yticks(range(len(steps)), [""] * len(steps) if narrow else [_name(step) for step in steps])

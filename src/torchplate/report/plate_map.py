@@ -272,6 +272,8 @@ def _place_labels(figure: Figure, axis: Axes, spots: Sequence[_Spot], sides: tup
     (left, low), (right, high) = axis.transData.transform([(0.0, 0.0), sides])
     taken = [Bbox.from_extents(left, y - scale, right, y + scale) for y in (low, high)]
     taken += [Bbox.from_extents(x - scale, low, x + scale, high) for x in (left, right)]
+    ticks = [one for one in (*axis.get_xticklabels(), *axis.get_yticklabels()) if one.get_visible() and one.get_text()]
+    taken += [one.get_window_extent(renderer).expanded(1.1, 1.1) for one in ticks]
     for drawn in axis.lines:
         if drawn.get_marker() not in ("None", None, ""):
             radius = scale * (drawn.get_markersize() / 2 + 1)

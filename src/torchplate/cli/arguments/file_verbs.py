@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb
+from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, number
 
 
 def _new_arguments(parser: ArgumentParser) -> None:
@@ -11,9 +11,9 @@ def _new_arguments(parser: ArgumentParser) -> None:
     from torchplate.plate import MATERIALS
 
     parser.add_argument("file", type=Path, help=".uff, .unv or .npz with FRFs")
-    parser.add_argument("--length", type=float, nargs=2, metavar=("LX", "LY"), help="sides [m]; else proposed")
-    parser.add_argument("--thickness", type=float, metavar="H", help="[m]; else searched")
-    parser.add_argument("--mass", type=float, metavar="M", help="of the whole plate [kg], for its density")
+    parser.add_argument("--length", type=number, nargs=2, metavar=("LX", "LY"), help="sides [m]; else proposed")
+    parser.add_argument("--thickness", type=number, metavar="H", help="[m]; else searched")
+    parser.add_argument("--mass", type=number, metavar="M", help="of the whole plate [kg], for its density")
     parser.add_argument("--material", metavar="NAME", help=f"one of {', '.join(MATERIALS)}")
     parser.add_argument(
         "--nodes", type=Path, metavar="CSV", help="table node, x, y[, z], for files without coordinates"
@@ -79,15 +79,15 @@ def _frf_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--motion", choices=["acceleration", "velocity", "displacement"], help="what responses are, if the file is mute"
     )
-    parser.add_argument("--rate", type=float, metavar="HZ", help="samples per second, if the file is mute")
+    parser.add_argument("--rate", type=number, metavar="HZ", help="samples per second, if the file is mute")
     parser.add_argument(
-        "--scale", type=float, nargs=2, default=(1.0, 1.0), metavar=("FORCE", "RESPONSE"), help="factors to N and SI"
+        "--scale", type=number, nargs=2, default=(1.0, 1.0), metavar=("FORCE", "RESPONSE"), help="factors to N and SI"
     )
-    parser.add_argument("--duration", type=float, metavar="S", help="length of a hit's record [s]")
-    parser.add_argument("--pre-trigger", type=float, default=0.01, metavar="S", help="before it [s] (default: 0.01)")
-    parser.add_argument("--trigger", type=float, default=0.1, help="part of the highest force (default: 0.1)")
-    parser.add_argument("--force-window", type=float, metavar="S", help="the force counts as zero after it [s]")
-    parser.add_argument("--exponential-window", type=float, metavar="S", help="time constant [s], on all channels")
+    parser.add_argument("--duration", type=number, metavar="S", help="length of a hit's record [s]")
+    parser.add_argument("--pre-trigger", type=number, default=0.01, metavar="S", help="before it [s] (default: 0.01)")
+    parser.add_argument("--trigger", type=number, default=0.1, help="part of the highest force (default: 0.1)")
+    parser.add_argument("--force-window", type=number, metavar="S", help="the force counts as zero after it [s]")
+    parser.add_argument("--exponential-window", type=number, metavar="S", help="time constant [s], on all channels")
     parser.add_argument("--keep-all", action="store_true", help="keep double hits and overloads")
     parser.add_argument("--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of their places [m]")
 
@@ -121,8 +121,8 @@ def _frf(parsed: Parsed) -> None:
 def _modes_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help=".uff, .unv or .npz with FRFs")
     parser.add_argument("--out", type=Path, metavar="MODES", help="the file to write: .csv, or .uff with datasets 55")
-    parser.add_argument("--lowest", type=float, metavar="HZ", help="end of the band (default: the measurement's)")
-    parser.add_argument("--highest", type=float, metavar="HZ", help="the other end")
+    parser.add_argument("--lowest", type=number, metavar="HZ", help="end of the band (default: the measurement's)")
+    parser.add_argument("--highest", type=number, metavar="HZ", help="the other end")
     parser.add_argument(
         "--order", type=int, default=40, help="modes at most that the fitted polynomials can hold (default: 40)"
     )

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb
+from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, number
 
 
 def _config(parser: ArgumentParser, help: str = "YAML file") -> None:
@@ -76,7 +76,7 @@ def _plan_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, help="the folder (default: that of the diagnosis)")
     parser.add_argument("--can", nargs="+", choices=list(KINDS), help="what the lab can do (default: all of it)")
     parser.add_argument(
-        "--masses", type=float, nargs="+", default=[], metavar="KG", help="pieces that there are [kg]; else proposed"
+        "--masses", type=number, nargs="+", default=[], metavar="KG", help="pieces that there are [kg]; else proposed"
     )
     parser.add_argument("--force", action="store_true", help="write over an earlier plan")
     _device(parser)

@@ -8,6 +8,16 @@ ArgumentParser = argparse.ArgumentParser
 Parsed = argparse.Namespace
 
 
+def number(text: str) -> float:
+    """A number on the command line; what has a unit or a comma is answered with how it is written."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"expected a number alone, in SI units, without the unit and with a decimal point, got '{text}'"
+        ) from None
+
+
 @dataclass(frozen=True)
 class Verb:
     """One word of the command line.

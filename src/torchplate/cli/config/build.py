@@ -130,7 +130,14 @@ class Run(Measured):
         frfs, table = self.measurement(), settings.natural_frequencies
         if frfs is not None:
             top = float(frfs.frequency.max())
-            found = [self.placement(frfs).remark, *frfs.notes, *self.band_remarks(), *coarse(model, top), *found]
+            found = [
+                self.placement(frfs).remark,
+                *frfs.notes,
+                *self.band_remarks(),
+                *self.spread_remarks(),
+                *coarse(model, top),
+                *found,
+            ]
         if (modal := self.modal_evidence(model)) is not None:
             found = [modal.remark, *modal.modal.notes, *found]
         if frfs is not None or table is not None:

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from torchplate.cli.schema import Config, ConfigError, validated, validated_states
-from torchplate.nearest import nearest
+from torchplate.nearest import did_you_mean, nearest
 
 # A measurement given where a config belongs.
 NOT_CONFIGS = (".uff", ".unv", ".uf", ".npz")
@@ -44,6 +44,10 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, An
             f"{path}: Expected a config (YAML), got the suffix of a measurement. Name the file in a config under "
             f"measurement.file; `torchplate inspect {path}` says what it holds."
         )
+    if path.is_dir():
+        held = ", ".join(sorted(other.name for other in path.glob("*.yaml"))[:4])
+        which = f", as of {held}" if held else ""
+        raise InputError(f"{path}: Expected a config file, got a folder. Give the path of a YAML file in it{which}.")
     if not path.is_file():
         near = nearest(path.name, [other.name for other in path.parent.glob("*.yaml")])
         guess = f" Did you mean {path.parent / near}?" if near else ""
@@ -67,12 +71,14 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, An
             f"{path}: {key}: Expected each key once, got it in lines {lines[0]} and {lines[1]}. Keep one of them."
         )
     if not isinstance(raw, dict):
-        raise InputError(
-            f"{path}: Expected keys such as mesh and effects, got {type(raw).__name__}. `torchplate keys` lists them."
-        )
+        came = "an empty file" if raw is None else "a list" if isinstance(raw, list) else f"the text {str(raw)[:40]!r}"
+        raise InputError(f"{path}: Expected keys such as mesh and effects, got {came}. `torchplate keys` lists them.")
     raw = _numbers(raw)
+    labels = list(raw.get("effects") or {})
     for override in overrides:
         _override(raw, override)
+    for override in overrides:
+        _of_an_effect_that_is_there(raw, override, labels)
     return raw, checked(path, raw)
 
 
@@ -84,6 +90,16 @@ def _no_yaml(error: Exception) -> str:
     mark = getattr(error, "problem_mark", None)
     if mark is not None and "'\\t'" in str(getattr(error, "problem", "")):
         return f"Expected YAML, which is indented with blanks, got a tab in line {mark.line + 1}. Write blanks there."
+    if mark is not None and "escape" in str(getattr(error, "problem", "")):
+        return (
+            "Expected YAML, where \\ between double quotes writes special characters, got one that is none in line "
+            f"{mark.line + 1}. Write paths with / or in single quotes."
+        )
+    line = (mark.get_snippet(indent=0, max_length=200) or "").partition("\n")[0].strip() if mark is not None else ""
+    if mark is not None and re.match(r"[\w.]+\s*=", line):
+        return (
+            f"Expected YAML, whose keys are written `key: value`, got {line!r} in line {mark.line + 1}. Write a colon."
+        )
     problem = " ".join(str(error).replace(' in "<unicode string>"', "").split())
     return f"Expected YAML, got a file that is not ({problem}). Correct it there."
 
@@ -152,6 +168,17 @@ def _numbers(value: Any) -> Any:
     if isinstance(value, list):
         return [_numbers(inner) for inner in value]
     return float(value) if isinstance(value, str) and _NUMBER.fullmatch(value) else value
+
+
+def _of_an_effect_that_is_there(raw: dict[str, Any], text: str, labels: Sequence[str]) -> None:
+    """Refuse an override of an effect that neither the config holds nor the overrides name."""
+    first, label, *rest = [*text.partition("=")[0].split("."), "", ""]
+    effect = raw["effects"].get(label) if first == "effects" and isinstance(raw.get("effects"), dict) else None
+    if rest[0] and label not in labels and isinstance(effect, dict) and "effect" not in effect:
+        raise InputError(
+            f"--set {text}: Expected an effect of the config, got '{label}'.{did_you_mean(label, labels)} It has: "
+            f"{', '.join(map(str, labels))}; a new one needs --set effects.{label}.effect=NAME, too."
+        )
 
 
 def _override(raw: dict[str, Any], text: str) -> None:

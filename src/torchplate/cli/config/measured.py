@@ -21,7 +21,11 @@ from torchplate.measurement import (
     read_nodes,
     with_nodes,
 )
+from torchplate.nearest import nearest
 
+SUFFIXES = (".uff", ".unv", ".uf", ".npz")
+MISSED = 0.1
+"""Part of the longer side that nobody's hits are off their marks by."""
 FEW, BEYOND = 10, 1.5
 """Lines below which a band has few, and its end over the file's last line from where it is not of this file."""
 
@@ -61,9 +65,23 @@ class Measured(Recipe):
                 if settings.file.exists()
                 else ""
             )
+            special = any(letter < " " for letter in str(settings.file))
+            shown = repr(str(path))[1:-1] if special else path
             near = os.path.relpath(settings.file, self.path.parent)
-            action = f"{here} write {near}." if here else " Correct the path, which counts from the config's folder."
-            raise self.error("measurement.file", f"Expected a file, found none at {path}.{action}")
+            like = nearest(path.name, [one.name for one in path.parent.glob("*") if one.suffix.lower() in SUFFIXES])
+            guess = f" Did you mean {settings.file.parent / like}?" if like else ""
+            if path.parts[len(self.path.parent.parts) :][:1] == ("~",):
+                guess = " ~ is not followed here: write the whole path."
+            elif special:
+                guess = " In double quotes YAML takes \\ for the beginning of a special character: write / instead."
+            action = (
+                f"{here} write {near}." if here else f"{guess} Correct the path, which counts from the config's folder."
+            )
+            raise self.error("measurement.file", f"Expected a file, found none at {shown}.{action}")
+        if path.is_dir():
+            raise self.error(
+                "measurement.file", f"Expected a file, got the folder {path}. Name a .uff or .npz file in it."
+            )
         frame = self.told("measurement.frame", lambda: Frame(**(settings.frame or FrameConfig()).model_dump()))
         frfs = self.told("measurement.file", lambda: read_measurement(path, settings.kind, frame.normal))
         if settings.nodes is not None:
@@ -91,6 +109,17 @@ class Measured(Recipe):
             hint = f" If it is in rad/s, write {_pair(*slow)}." if slow[1] <= 1.05 * last else ""
             return (f"{given} ends beyond {span}, whose last line counts as its end.{hint}",)
         return ()
+
+    def spread_remarks(self) -> tuple[str, ...]:
+        """What hits and sensors are said to be off their marks by, where it is more than anybody misses."""
+        std, mesh = self.config.measurement.position_std, self.config.mesh
+        longer = max(mesh.length_x.value, mesh.length_y.value)
+        if std is None or std <= MISSED * longer:
+            return ()
+        return (
+            f"measurement.position_std: {std:g} m is more than a tenth of the longer side, {longer:g} m. If it is in "
+            f"mm, write {1e-3 * std:g}.",
+        )
 
     def placement(self, frfs: Measurement) -> Placement:
         """Where the measurement's responses and references sit on the plate."""

@@ -19,6 +19,7 @@ from torchplate.cli.results.table import plain_table
 from torchplate.discrepancy import Objective
 from torchplate.identification import Identified, Result, Settings, evaluated
 from torchplate.model import PlateModel
+from torchplate.notation import counted
 from torchplate.report import frf_figures, model_report, run_report
 
 
@@ -128,11 +129,13 @@ def described(objective: Objective) -> str:
     evidence, parts = objective.evidence, []
     if (frfs := evidence.measurement) is not None:
         first, last = float(frfs.frequency[0]), float(frfs.frequency[-1])
-        parts.append(f"{len(frfs.pairs)} FRFs ({frfs.kind}), {len(frfs.frequency)} lines, {first:g} to {last:g} Hz")
+        lines = f"{counted(len(frfs.frequency), 'line')}, {first:g} to {last:g} Hz"
+        parts.append(f"{counted(len(frfs.pairs), 'FRF')} ({frfs.kind}), {lines}")
     if evidence.natural_frequencies is not None:
-        parts.append(f"{len(evidence.natural_frequencies.mode)} natural frequencies")
+        parts.append(counted(len(evidence.natural_frequencies.mode), "natural frequency", "natural frequencies"))
     if (modal := evidence.modal_model) is not None:
-        parts.append(f"{len(modal.modal.frequency)} modes with shapes at {len(modal.place)} points")
+        points = counted(len(modal.place), "point")
+        parts.append(f"{counted(len(modal.modal.frequency), 'mode')} with shapes at {points}")
     names = ", ".join(objective.model.names) or "nothing"
     return f"{' and '.join(parts)}; searching {names}"
 

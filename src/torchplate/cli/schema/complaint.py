@@ -16,6 +16,21 @@ EFFECT_PAGE: Final = "Effects"
 SHAPES: Final = dict.fromkeys(("tuple_type", "list_type", "sequence_str", "too_short", "too_long"), "a list") | (
     dict.fromkeys(("dict_type", "mapping_type", "model_type", "model_attributes_type"), "keys with values")
 )
+VALUES: Final = dict.fromkeys(("float_parsing", "float_type"), "a number alone, in SI units and without the unit") | (
+    dict.fromkeys(("int_parsing", "int_type", "int_from_float"), "a whole number")
+    | {"path_type": "the path of one file"}
+)
+# Words of other programs for those of a config.
+SYNONYMS: Final = {
+    "fixed": "clamped",
+    "pinned": "simply_supported",
+    "hinged": "simply_supported",
+    "acceleration": "accelerance",
+    "inertance": "accelerance",
+    "velocity": "mobility",
+    "displacement": "receptance",
+    "compliance": "receptance",
+}
 
 
 class ConfigError(ValueError):
@@ -48,19 +63,32 @@ def first_complaint(error: ValidationError, root: type[BaseModel] | None = None,
     where = [str(part) for part in places]
     key = ".".join(where) or "config"
     if kind == "extra_forbidden":
+        if len(where) == 1 and (deeper := _keys_below(root, where[0])):
+            return key, f"No key '{key}' here. Did you mean '{deeper}'? Keys stand below their section."
         return key, unknown_key(where[-1], *_keys_at(root, section, where[:-1]))
     if kind == "missing":
         return key, "Expected a value, got none. Add it."
     if kind in SHAPES:
         example = _example(root, where)
         remedy = f"Write {where[-1]}: {example}, say" if example else "Correct it"
-        return key, f"Expected {SHAPES[kind]}, got {given!r}. {remedy}."
+        most = first.get("ctx", {}).get("max_length") if kind == "too_long" else None
+        return key, f"Expected {SHAPES[kind]}{f' of {most}' if most else ''}, got {shown(given)}. {remedy}."
+    if kind in VALUES:
+        return key, f"Expected {VALUES[kind]}, got {shown(given)}. Correct it."
     message = str(first["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message.removeprefix("Input should be ").replace("an instance of Sequence", "a list")
     if message.startswith(("Expected", "No ")):
         return key, message
-    shown = "no finite number" if isinstance(given, float) and not math.isfinite(given) else repr(given)
-    return key, f"Expected {message}, got {shown}. Correct it."
+    named = SYNONYMS.get(given.strip().lower()) if kind == "literal_error" and isinstance(given, str) else None
+    remedy = f"Write {named}" if named and f"'{named}'" in message else "Correct it"
+    return key, f"Expected {message}, got {shown(given)}. {remedy}."
+
+
+def shown(given: object) -> str:
+    """What came, as a sentence has it: what YAML leaves empty is nothing."""
+    if given is None:
+        return "nothing"
+    return "no finite number" if isinstance(given, float) and not math.isfinite(given) else repr(given)
 
 
 def unknown_key(name: str, known: Iterable[str], section: str = "") -> str:
@@ -91,6 +119,16 @@ def _keys_at(root: type[BaseModel] | None, section: str, where: Sequence[str]) -
         part = model_in(part.model_fields[name].annotation)
         section = "numbers" if part is Known else f"{section}.{name}".strip(".")
     return list(part.model_fields) if part is not None else [], section
+
+
+def _keys_below(root: type[BaseModel] | None, name: str) -> str:
+    """Where a key of this name stands that was given beside the sections; empty where nothing or several have it."""
+    found = [
+        f"{section}.{name}"
+        for section, field in (root.model_fields if root is not None else {}).items()
+        if (part := model_in(field.annotation)) is not None and name in part.model_fields
+    ]
+    return found[0] if len(found) == 1 else ""
 
 
 def _example(root: type[BaseModel] | None, where: Sequence[str]) -> str:

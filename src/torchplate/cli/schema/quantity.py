@@ -6,7 +6,7 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
-from torchplate.cli.schema.complaint import first_complaint
+from torchplate.cli.schema.complaint import first_complaint, shown
 from torchplate.cli.schema.numbers import Known, Unknown
 
 
@@ -22,13 +22,15 @@ def quantity(value: Any) -> Known | Unknown:
         kind = Known if error.title == Known.__name__ else Unknown
         raise ValueError(first_complaint(error, kind, "numbers")[1]) from None
     except ValueError as error:
-        raise ValueError(f"Expected {error}, got {value!r}.") from None
+        raise ValueError(f"Expected {error}, got {shown(value)}.") from None
 
 
 def parse_quantity(value: Any) -> Known | Unknown:
     """As `quantity`; the error says only what was expected."""
     if isinstance(value, list | tuple) and len(value) == 2:
         return Unknown(low=value[0], high=value[1])
+    if isinstance(value, Mapping) and not set(value) & (set(Known.model_fields) | set(Unknown.model_fields)):
+        raise ValueError("a number, an interval {low: , high: }, or {value: , std: }")
     if isinstance(value, Mapping):
         return Known(**value) if "value" in value else Unknown(**value)
     if isinstance(value, bool | list | tuple):

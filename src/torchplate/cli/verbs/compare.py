@@ -96,13 +96,25 @@ def _one_plate(runs: Sequence[Finished], out: Path, console: Console) -> dict[st
     groups = gathered(runs)
     write_files(out, comparison_report(groups, runs[0].result["objective_kind"]))
     for table in comparison_tables(groups):
-        console.print(_rich(table))
+        console.print(_rich(table, console.width))
     console.print(f"Comparison: {out / 'comparison.md'}", markup=False, soft_wrap=True)
     return groups
 
 
-def _rich(table: Block) -> Table:
-    drawn = plain_table(*(name.removesuffix(">") for name in table.head))
-    for row in table.rows:
+def _rich(table: Block, width: int) -> Table:
+    """A table of a report; where names would be broken it is laid on its side, if so it is narrower."""
+    rows = [[name.removesuffix(">") for name in table.head], *([*row] for row in table.rows)]
+    turned = [list(column) for column in zip(*rows, strict=True)]
+    aside = _narrowest(rows) > max(width, _narrowest(turned))
+    if aside:
+        rows = turned
+    drawn = plain_table(*rows[0], whole=aside)
+    for row in rows[1:]:
         drawn.add_row(*map(escape, row))
     return drawn
+
+
+def _narrowest(rows: Sequence[Sequence[str]]) -> int:
+    """Letters in a line of the table whose cells wrap at blanks alone, with the room between columns."""
+    columns = zip(*rows, strict=True)
+    return sum(4 + max((len(word) for cell in column for word in cell.split()), default=0) for column in columns)

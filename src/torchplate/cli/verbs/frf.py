@@ -23,6 +23,7 @@ from torchplate.measurement import (
     with_nodes,
     write_uff,
 )
+from torchplate.notation import counted
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,8 @@ def _say(
     first, last = float(measurement.frequency[0]), float(measurement.frequency[-1])
     step = measurement.step or 0.0
     console.print(
-        f"{len(measurement.pairs)} FRFs ({measurement.kind}, {told.estimator}) from {len(recordings)} recordings, "
+        f"{counted(len(measurement.pairs), 'FRF')} ({measurement.kind}, {told.estimator}) from "
+        f"{counted(len(recordings), 'recording')}, "
         f"{first:.6g} to {last:.6g} Hz, step {step:.4g} Hz: {out}",
         highlight=False,
         markup=False,

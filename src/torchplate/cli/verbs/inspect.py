@@ -28,7 +28,7 @@ from torchplate.measurement import (
     read_modal_table,
     read_recordings,
 )
-from torchplate.notation import percent
+from torchplate.notation import counted, percent
 
 COMMAND = re.compile(r"torchplate [^;]+")
 
@@ -115,7 +115,7 @@ def _records(recordings: list[Recording], path: Path) -> Table:
     length = len(first.force)
     table.add_row(
         "holds",
-        f"{n} recording{'s' if n > 1 else ''} of {length} samples, {first.rate:g} Hz, {length / first.rate:.4g} s",
+        f"{counted(n, 'recording')} of {counted(length, 'sample')}, {first.rate:g} Hz, {length / first.rate:.4g} s",
     )
     n_response = len(first.response)
     responses = f"{n_response} response{'s' if n_response > 1 else ''}"
@@ -132,7 +132,8 @@ def _modes(model: ModalModel, path: Path) -> Table:
     table = plain_table("", "", title=f"{path}: a modal model")
     shown = ", ".join(f"{hertz:.5g}" for hertz in model.frequency[:12].tolist())
     rest = f" and {len(model.frequency) - 12} more" if len(model.frequency) > 12 else ""
-    table.add_row("holds", f"{len(model.frequency)} modes at {len(model.point)} points: {shown}{rest} Hz")
+    count = f"{counted(len(model.frequency), 'mode')} at {counted(len(model.point), 'point')}"
+    table.add_row("holds", f"{count}: {shown}{rest} Hz")
     what = f"in a config: measurement: {{modal_model: {{file: {shlex.quote(path.name)}}}}}"
     table.add_row("what torchplate does", escape(what))
     return table
@@ -154,7 +155,7 @@ def _summary(measurement: Measurement, quality: Quality, path: Path) -> Table:
     table.add_row("kind, unit", escape(f"{measurement.kind}, {measurement.unit}"))
     low, high = quality.band
     step = "uneven step" if quality.step is None else f"step {quality.step:g} Hz"
-    table.add_row("band", f"{low:g} to {high:g} Hz, {step}, {quality.n_line} lines")
+    table.add_row("band", f"{low:g} to {high:g} Hz, {step}, {counted(quality.n_line, 'line')}")
     table.add_row("coordinates", _coordinates(measurement))
     points = [
         f"{p.label} (Re mobility < 0 on {percent(p.negative_lines, 2)} of the lines, "
@@ -180,7 +181,7 @@ def _coordinates(measurement: Measurement) -> str:
     for axis, values in zip("xyz", zip(*held, strict=True), strict=True):
         low, high = min(values), max(values)
         spans.append(f"{axis} {low:g} m" if low == high else f"{axis} {low:g} to {high:g} m")
-    return f"{len(held)} of {len(channels)} nodes, {', '.join(spans)}"
+    return f"{len(held)} of {counted(len(channels), 'node')}, {', '.join(spans)}"
 
 
 def _coherence(quality: Quality) -> str:

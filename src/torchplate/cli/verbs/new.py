@@ -32,6 +32,11 @@ def new(
     """
     console = console or Console()
     file, out = Path(file), Path(out or f"{Path(file).stem}.yaml")
+    if file.suffix.lower() in (".yaml", ".yml"):
+        raise InputError(
+            f"{file}: Expected a measurement, got a config, which `torchplate run {file}` takes. Give a .uff or .npz "
+            "file."
+        )
     if out.exists() and not (force and out.is_file()):
         raise InputError(
             f"--out {out}: Expected a new file, got one that exists. Name another, or give --force to write over it."

@@ -11,6 +11,7 @@ from torchplate.cli.folder.writing import whole
 from torchplate.measurement import ANALYSERS, Analyser, Hammer, Measurement, write_uff
 from torchplate.measurement import simulate as hit
 from torchplate.model import PlateModel
+from torchplate.notation import counted
 from torchplate.search import unknown_name
 
 SUFFIXES = (".uff", ".unv", ".uf", ".npz")
@@ -72,9 +73,8 @@ def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console
         else:
             write_uff(measurement, partial)
     cells = " × ".join(str(number) for number in model.mesh.cells)
-    console.print(
-        f"{len(measurement.pairs)} FRFs ({measurement.kind}) of a {cells} mesh: {out}", markup=False, soft_wrap=True
-    )
+    made = counted(len(measurement.pairs), "FRF")
+    console.print(f"{made} ({measurement.kind}) of a {cells} mesh: {out}", markup=False, soft_wrap=True)
     return measurement
 
 

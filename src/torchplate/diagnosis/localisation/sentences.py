@@ -49,7 +49,7 @@ def of_kind(force: Force | None, chain: Factor, one: Factor) -> list[str]:
     best = max(at_place, factor, own)
     said = []
     if best < SETTINGS.localising.named:
-        return ["No force at one place, no gain, no delay and no single channel explains the misfit."]
+        return ["No spring, dashpot or mass at one place, no gain, no delay and no single channel explains the misfit."]
     if force is not None and at_place >= best - SETTINGS.localising.near:
         rest = " That leaves too much for one place: something spread over the plate is as likely."
         said.append(_of_force(force) + (rest if at_place < SETTINGS.localising.nearly_all else ""))
