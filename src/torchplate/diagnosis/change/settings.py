@@ -24,6 +24,7 @@ class ChangeSettings:
         n_grid: values of a parameter's interval that are tried [-].
         n_library: places and sizes of an effect that are tried on a table [-].
         n_turn: times that the reference's uncertainty is taken anew about where a fit has come to [-].
+        n_settled: times that what is about to be integrated is taken about where it was found, at most [-].
         rest: a move on the unit cube below which it has come to rest [-].
         n_draw: members that each round of an integral draws [-].
         n_effective: independent draws that an integral is worth: ln Z is known to one part in √n of it, a tenth [-].
@@ -46,6 +47,7 @@ class ChangeSettings:
     n_grid: int = 9
     n_library: int = 64
     n_turn: int = 3
+    n_settled: int = 8
     rest: float = 1e-4
     n_draw: int = 256
     n_effective: float = 100.0
