@@ -224,8 +224,7 @@ class Comparing:
         model = as_the_specimen(change.applied(one.frozen), one.reduced)
         level = target.settings.wide.screened if near is None else target.levels - 1
         problem = Problem(self.after.builder, model, {}, near)
-        # Where the reference was found to be in this test, of which its mean is a part.
-        before = {**values, change.name: one.reduced.known_values.get(change.name, float(change.before or 0.0))}
+        before = {**values, change.name: float(change.before or 0.0)}
         members = [before, *({**values, **point} for point in grid(change, self.settings.n_grid))]
         theta = torch.tensor([[member[name] for name in model.names] for member in members]).to(one.frozen.known)
         square = _squares(problem, model.space.to_cube(theta), level)
