@@ -314,17 +314,18 @@ class After:
         """The same about a drift and channels that are most probable together, by Levenberg's steps."""
         settings, fitting = self.reference.settings, self.builder.target.settings.fitting
         here, damping = self._judged(one, here.place, here.channels or here.at_their_marks, here.put_in), 0.0
+        held = here.held
         for _ in range(settings.n_settled):
-            before = here
+            before, lowest = here, held
             for _ in range(settings.n_settled):
                 drift, channels = before.marginal.towards(before.off, damping)
                 channels = None if channels is None else channels.within(fitting.farthest)
                 there = self._judged(one, before.place, channels, drift)
-                if there.held < before.held:
-                    here, damping = there, 0.1 * damping if damping > 1 else 0.0
+                if (there_held := there.held) < lowest:
+                    here, held, damping = there, there_held, 0.1 * damping if damping > 1 else 0.0
                     break
                 damping = max(1.0, 10 * damping)
-            if before.held - here.held < fitting.little:
+            if lowest - held < fitting.little:
                 break
         return here
 
