@@ -33,7 +33,7 @@ from blind.cases import NOISE, Case, Slot, as_measurement, known, seed_of
 from blind.effects import Hidden, Truth, apply, draw_hidden
 from blind.nuisances import WORKSHOP, Drawn, _moved, spoil
 from blind.plates import ALUMINIUM, STEEL, Rng, draw_specimen, log_uniform
-from blind.score import read, wilson
+from blind.score import coverage, read, wilson
 from blind.workshop import _config, with_all, with_layout
 from torchplate.measurement import Measurement, write_uff
 
@@ -196,10 +196,17 @@ def rates(records: Sequence[dict[str, Any]]) -> list[tuple[str, int, int]]:
     changed = [pair for pair in told if pair[0]["truth"]["hidden"]]
     unchanged = [pair for pair in told if not pair[0]["truth"]["hidden"]]
     named = sum(bool(one["diagnosis"] and one["diagnosis"]["effects"]) for one, *_ in unchanged)
+    inside = [
+        held
+        for one, _, name in changed
+        if name and one["diagnosis"]["effects"][0]["name"] == one["truth"]["hidden"][0]["effect"]
+        for _, held in coverage(one["truth"]["hidden"][0], one["diagnosis"]["effects"][0])
+    ]
     return [
         ("changed or unchanged, right", sum(right for _, right, _ in told), len(told)),
         ("named right, of those that changed", sum(name for *_, name in changed), len(changed)),
         ("a false name on an unchanged plate", named, len(unchanged)),
+        ("90 % intervals of right names hold the truth", sum(inside), len(inside)),
         ("crashes", sum(one["diagnosis"] is None for one in records), len(records)),
     ]
 
@@ -215,7 +222,7 @@ def report(folder: Path) -> None:
     wrong = [line(record) for record in records if not all(judged(record))]
     print("\n".join(wrong))
     head = "### states: rates\n\n| what | n | of | rate | 90 % interval |\n| --- | --- | --- | --- | --- |\n"
-    told = "\n### what was wrong\n\n" + "".join(f"- {one}\n" for one in wrong)
+    told = "\n### what was wrong\n\n" + "".join(f"- {one}\n" for one in wrong or ["nothing"])
     (folder / "table.md").write_text(head + "\n".join(rows) + "\n" + told)
 
 
