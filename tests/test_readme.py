@@ -85,8 +85,8 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     (n, of), (named, still) = (rate(table, what) for what in ("named right, of those", "a false name on an unchanged"))
     every, _ = rate(table, "crashes")[::-1]
     assert (
-        f"of [{every} pairs of tests](runs/blind/{table}) {n} of {of} changes, and {named} false names on {still} "
-        "unchanged plates" in text
+        f"of [{every} pairs of tests](runs/blind/{table}) {n} of {of} changes, and {named} of {still} "
+        "unchanged falsely" in text
     )
 
 
