@@ -81,9 +81,16 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     )
     (n, of), (kept, still), (named, _) = (rate("workshop/Y/table.md", what) for what in (right, silent, false))
     assert f"{n} of {of} single effects, {kept} of {still} with nothing hidden, and {named} false name" in text
+    table = "states/B/table.md"
+    (n, of), (named, still) = (rate(table, what) for what in ("named right, of those", "a false name on an unchanged"))
+    every, _ = rate(table, "crashes")[::-1]
+    assert (
+        f"of [{every} pairs of tests](runs/blind/{table}) {n} of {of} changes, and {named} of {still} "
+        "unchanged falsely" in text
+    )
 
 
-@pytest.mark.parametrize("table", ["J", "tables/V", "workshop/Y"])
+@pytest.mark.parametrize("table", ["J", "states/B", "tables/V", "workshop/Y"])
 def test_the_map_of_runs_says_which_cases_the_committed_tables_are_of(table):
     head = (ROOT / "runs/blind" / table / "table.md").read_text().splitlines()[0]
     numbers = re.findall(r"\d+", re.match(r"Cases ([\d andto]+),", head)[1])

@@ -18,7 +18,6 @@ Each pair is diagnosed by `torchplate diagnose config.yaml --since reference.yam
 | damping_patch | 2 | as in `effects` |
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -34,7 +33,7 @@ from blind.cases import NOISE, Case, Slot, as_measurement, known, seed_of
 from blind.effects import Hidden, Truth, apply, draw_hidden
 from blind.nuisances import WORKSHOP, Drawn, _moved, spoil
 from blind.plates import ALUMINIUM, STEEL, Rng, draw_specimen, log_uniform
-from blind.score import wilson
+from blind.score import coverage, read, wilson
 from blind.workshop import _config, with_all, with_layout
 from torchplate.measurement import Measurement, write_uff
 
@@ -191,19 +190,40 @@ def judged(record: dict[str, Any]) -> tuple[bool, bool]:
     return right, hidden[0] in names and names <= {hidden[0], *TWINS.get(hidden[0], set())}
 
 
-def report(folder: Path) -> None:
-    """Print how many were right, with Wilson's 90 % intervals, and what was wrong."""
-    lines = (folder / "results.jsonl").read_text().splitlines()
-    records = [json.loads(line) for line in lines]
+def rates(records: Sequence[dict[str, Any]]) -> list[tuple[str, int, int]]:
+    """What is counted: how many, and of how many."""
     told = [(one, *judged(one)) for one in records]
     changed = [pair for pair in told if pair[0]["truth"]["hidden"]]
-    for title, of, which in (("changed or unchanged, right", told, 1), ("named right", changed, 2)):
-        n_right, n = sum(bool(pair[which]) for pair in of), len(of)
-        low, high = wilson(n_right, n)
-        print(f"{title}: {n_right} of {n}, {n_right / max(n, 1):.2f} ({low:.2f} to {high:.2f})")
-    for record, right, named in told:
-        if not (right and named):
-            print(line(record))
+    unchanged = [pair for pair in told if not pair[0]["truth"]["hidden"]]
+    named = sum(bool(one["diagnosis"] and one["diagnosis"]["effects"]) for one, *_ in unchanged)
+    inside = [
+        held
+        for one, _, name in changed
+        if name and one["diagnosis"]["effects"][0]["name"] == one["truth"]["hidden"][0]["effect"]
+        for _, held in coverage(one["truth"]["hidden"][0], one["diagnosis"]["effects"][0])
+    ]
+    return [
+        ("changed or unchanged, right", sum(right for _, right, _ in told), len(told)),
+        ("named right, of those that changed", sum(name for *_, name in changed), len(changed)),
+        ("a false name on an unchanged plate", named, len(unchanged)),
+        ("90 % intervals of right names hold the truth", sum(inside), len(inside)),
+        ("crashes", sum(one["diagnosis"] is None for one in records), len(records)),
+    ]
+
+
+def report(folder: Path) -> None:
+    """Print how many were right, with Wilson's 90 % intervals, and what was wrong; and write it to table.md there."""
+    records, rows = read(folder / "results.jsonl"), []
+    for title, count, n in rates(records):
+        low, high = wilson(count, n)
+        print(f"{title}: {count} of {n}, {count / max(n, 1):.2f} ({low:.2f} to {high:.2f})")
+        each = f"{100 * count / max(n, 1):.0f} % | {100 * low:.0f} to {100 * high:.0f} %"
+        rows.append(f"| {title} | {count} | {n} | {each} |")
+    wrong = [line(record) for record in records if not all(judged(record))]
+    print("\n".join(wrong))
+    head = "### states: rates\n\n| what | n | of | rate | 90 % interval |\n| --- | --- | --- | --- | --- |\n"
+    told = "\n### what was wrong\n\n" + "".join(f"- {one}\n" for one in wrong or ["nothing"])
+    (folder / "table.md").write_text(head + "\n".join(rows) + "\n" + told)
 
 
 def line(record: dict[str, Any]) -> str:

@@ -1,11 +1,13 @@
 """The stratum of states: what it holds, what a pair shares, and what counts as right."""
 
+import json
+import re
 from collections import Counter
 
 import pytest
 import torch
 
-from blind.states import CHANGES, draw, judged, suite
+from blind.states import CHANGES, draw, judged, report, suite
 
 
 def test_forty_pairs_ten_of_them_unchanged():
@@ -53,3 +55,24 @@ def test_a_change_without_a_name_is_a_change():
     """An unchanged pair of which it is said is wrong; of a changed one the name alone is."""
     assert judged(record(None, "unexplained")) == (False, False)
     assert judged(record("point_mass", "unexplained")) == (True, False)
+
+
+def test_the_report_counts_what_was_right_and_lists_what_was_wrong(tmp_path):
+    records = [
+        record(None, "consistent"),
+        record(None, "explained", ("stiffness_loss",)),
+        record("point_mass", "explained", ("point_mass",)),
+        record("wires.stiffness", "consistent"),
+    ]
+    for number, one in enumerate(records):
+        one["truth"]["name"], one["seconds"] = f"{number:03d}", 10.0
+    # A place that holds, and a mass that does not.
+    records[2]["truth"]["hidden"][0]["parameters"] = {"x": 0.3, "mass": 0.02}
+    found = {"x": {"value": 0.31, "low": 0.29, "high": 0.33}, "mass": {"value": 0.03, "low": 0.025, "high": 0.035}}
+    records[2]["diagnosis"]["effects"][0]["parameters"] = found
+    (tmp_path / "results.jsonl").write_text("\n".join(json.dumps(one) for one in records))
+    report(tmp_path)
+    table = (tmp_path / "table.md").read_text()
+    counts = re.findall(r"^\| ([^|]+?) \| (\d+) \| (\d+) \|", table, flags=re.MULTILINE)
+    assert [(int(n), int(of)) for _, n, of in counts] == [(2, 4), (1, 2), (1, 2), (1, 2), (0, 4)]
+    assert re.findall(r"^- (\d+)", table, flags=re.MULTILINE) == ["001", "003"]

@@ -216,3 +216,42 @@ def test_where_more_than_noise_is_left_channels_are_known_no_better_than_beside_
     assert torch.allclose(far.response, 30 * near.response)
     assert bool((far.response_left > 2 * near.response_left).all())
     assert bool((far.reference_left < 1).all())
+
+
+def test_what_is_put_in_leaves_the_likelihood_of_what_was_measured(residual):
+    """Nuisances that all FRFs share may be taken about where they were found: what is linear in them stays the same."""
+    plain = marginal()
+    columns = complex_normal(torch.Generator().manual_seed(8), *SHAPE, 3)
+    put_in = torch.tensor([0.7, -1.9, 0.4], dtype=torch.float64)
+    off = torch.view_as_complex(residual.reshape(*SHAPE, 2))
+    before, after = plain.beside(columns, "told"), plain.beside(columns, "told", put_in)
+    whole, left = before.residual(off), after.residual(off - columns @ put_in.to(columns))
+    assert torch.allclose(whole, left)
+    assert not torch.allclose(whole, before.residual(off - columns @ put_in.to(columns)))
+    assert after.judge(left).cost == pytest.approx(before.judge(whole).cost, rel=1e-12)
+    # Among others of another size too.
+    larger = after.rescaled({"a": 2.0}).residual(off - columns @ put_in.to(columns))
+    assert torch.allclose(larger, before.rescaled({"a": 2.0}).residual(off))
+
+
+def test_a_whole_step_leads_to_what_is_most_probable_and_a_damped_one_part_of_the_way(residual):
+    """Where all is linear one step is enough; what was put in is then as probable as it becomes."""
+    plain = marginal()
+    columns = complex_normal(torch.Generator().manual_seed(8), *SHAPE, 3)
+    off = torch.view_as_complex(residual.reshape(*SHAPE, 2))
+
+    def at(put_in):
+        return plain.beside(columns, "told", put_in), off - columns @ put_in.to(columns)
+
+    begun = torch.tensor([0.7, -1.9, 0.4], dtype=torch.float64)
+    one, left = at(begun)
+    to, _ = one.towards(left, 0.0)
+    part, _ = one.towards(left, 5.0)
+    best = at(to)[0].held(at(to)[1])
+    assert one.held(left) > at(part)[0].held(at(part)[1]) > best
+    assert torch.allclose(at(to)[0].towards(at(to)[1], 0.0)[0], to)
+    for index in range(3):
+        for step in (-0.02, 0.02):
+            beside = to.clone()
+            beside[index] += step
+            assert at(beside)[0].held(at(beside)[1]) > best

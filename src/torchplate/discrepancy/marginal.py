@@ -49,6 +49,8 @@ class Marginal:
         scale: what each group is times what was said of it, where residuals are whitened; 1 where it is left out.
         about: how far off the specimen is whose residuals come; None where it is not.
         beside: variance, what the second order of nuisances adds among it; None where that is as it is here.
+        put_in: of the last of the nuisances that all FRFs share, the values about which residuals are taken; None
+            where they are taken about 0.
     """
 
     def __init__(
@@ -61,9 +63,10 @@ class Marginal:
         scale: Mapping[str, float] | None = None,
         about: Found | None = None,
         beside: Float[Tensor, "n_frequency n_response n_reference"] | None = None,
+        put_in: Float[Tensor, " k"] | None = None,
     ) -> None:
         self._given, self._nuisances = (variance, nuisances, fitted), nuisances
-        self.about = about
+        self.about, self._put_in = about, put_in
         self.second = None if nuisances is None else nuisances.second_order
         self._n_off = 0 if nuisances is None else nuisances.n_off
         self.scale = dict(scale or {})
@@ -119,20 +122,26 @@ class Marginal:
 
     def with_variance(self, variance: Float[Tensor, "n_frequency n_response n_reference"]) -> "Marginal":
         """The same beside another variance of what was measured, what the second order of nuisances adds among it."""
-        return Marginal(*self._given, self.freedom, self.knowledge, self.scale, self.about, variance)
+        return Marginal(*self._given, self.freedom, self.knowledge, self.scale, self.about, variance, self._put_in)
 
     def rescaled(self, scale: Mapping[str, float]) -> "Marginal":
         """The same with nuisances of another size."""
         if dict(scale) == self.scale:
             return self
-        return Marginal(*self._given, self.freedom, self.knowledge, scale, self.about)
+        return Marginal(*self._given, self.freedom, self.knowledge, scale, self.about, put_in=self._put_in)
 
-    def beside(self, columns: Complex[Tensor, "n_frequency n_response n_reference k"], name: str) -> "Marginal":
+    def beside(
+        self,
+        columns: Complex[Tensor, "n_frequency n_response n_reference k"],
+        name: str,
+        put_in: Float[Tensor, " n_last"] | None = None,
+    ) -> "Marginal":
         """The same with further nuisances that all FRFs share, whose size is known exactly.
 
         Args:
-            columns: changes of the FRFs by one standard deviation each.
+            columns: changes of the FRFs by one standard deviation each, about what is put in.
             name: of their group.
+            put_in: values of the last of these in the model whose residuals come; None for 0.
         """
         variance, found, fitted = self._given
         if found is None:
@@ -141,7 +150,7 @@ class Marginal:
         group = ((*found.group[0], *(name,) * columns.shape[-1]), *found.group[1:])
         found = found._replace(common=common, group=group)
         freedom = {**self.freedom, name: math.inf}
-        return Marginal(variance, found, fitted, freedom, self.knowledge, self.scale, self.about)
+        return Marginal(variance, found, fitted, freedom, self.knowledge, self.scale, self.about, put_in=put_in)
 
     def _weighed(self, columns: Complex[Tensor, "n_frequency n_response n_reference k"] | None) -> Tensor:
         if columns is None:
@@ -204,18 +213,26 @@ class Marginal:
     def residual(self, off: Complex[Tensor, "*batch n_frequency n_response n_reference"]) -> Tensor:
         """Those of a specimen, as if it were none: what it was taken about is put back."""
         found = self.over_noise(off)
-        return found if self.about is None else found + self._back
+        return found if self.about is None and self._put_in is None else found + self._back
 
     @functools.cached_property
     def _back(self) -> Float[Tensor, " n_residual"]:
-        """What the specimen and the channels make of the residuals, about which these were taken."""
-        assert self.about is not None
+        """What the specimen, the channels and what was put in make of the residuals, about which these were taken."""
+        return self.across(self._values)
+
+    @functools.cached_property
+    def _values(self) -> Float[Tensor, " n_nuisance"]:
+        """Of each nuisance, about which the residuals were taken."""
         value = self.weight.new_zeros(len(self.group))
-        value[: self._n_off] = self.about.shift
-        if self.about.channels is not None:
+        if self._put_in is not None:
+            n_common = self._common.shape[-1]
+            value[n_common - len(self._put_in) : n_common] = self._put_in.to(value)
+        if self.about is not None:
+            value[: self._n_off] = self.about.shift
+        if self.about is not None and self.about.channels is not None:
             for index, one in zip(self._channel, self.about.channels[:2], strict=True):
                 value[index] = one.to(value)
-        return self.across(value)
+        return value
 
     def channels(self, residual: Float[Tensor, " n_residual"]) -> OfChannels | None:
         """What residuals say of each channel, nuisances as large as was said.
@@ -232,6 +249,58 @@ class Marginal:
         if left > 1:
             inverse = torch.cholesky_inverse(self._lower(root, left))
         return self._of_channels(root * mean, root, inverse)
+
+    def held(self, off: Complex[Tensor, "n_frequency n_response n_reference"]) -> float:
+        """−2 ln p of residuals and of what was put in, channels among it, together.
+
+        What was put in need not be linear; all other nuisances are integrated out, as large as was said. The most
+        probable is where this is lowest.
+
+        Args:
+            off: residuals about what was put in.
+        """
+        said, found = self._said(), self.over_noise(off)
+        lower = self._lower(torch.where(self._is_put_in, 0.0, said), 1.0)
+        along = torch.where(self._is_put_in, 0.0, said * self.along(found))
+        half = torch.linalg.solve_triangular(lower, along[:, None], upper=False)
+        told = (self._values / said)[self._is_put_in].square().sum()
+        determinant = 2 * float(lower.diagonal().log().sum()) + self._log_variance
+        return float(found.square().sum() + told - half.square().sum()) + determinant
+
+    def towards(
+        self, off: Complex[Tensor, "n_frequency n_response n_reference"], damping: float
+    ) -> tuple[Float[Tensor, " k"], OfChannels | None]:
+        """What to put in after one of Levenberg's steps towards what residuals say of it, and of the channels.
+
+        Args:
+            off: residuals about what was put in.
+            damping: in units of what was known beforehand [-]; 0 for the whole step.
+        """
+        said, at = self._said(), self._is_put_in
+        inverse = torch.cholesky_inverse(self._lower(said, 1.0))
+        mean = inverse @ (said * self.along(self.residual(off)))
+        precision = torch.linalg.inv(inverse[at][:, at])
+        step = precision @ (mean - self._values / said)[at]
+        step = torch.linalg.solve(precision + damping * torch.eye(len(step)).to(step), step)
+        value = self._values.clone()
+        value[at] += said[at] * step
+        n_common, n_put_in = self._common.shape[-1], 0 if self._put_in is None else len(self._put_in)
+        return value[n_common - n_put_in : n_common], self._of_channels(value, said, inverse)
+
+    @functools.cached_property
+    def _is_put_in(self) -> Bool[Tensor, " n_nuisance"]:
+        found = torch.zeros(len(self.group), dtype=torch.bool)
+        if self._put_in is not None:
+            n_common = self._common.shape[-1]
+            found[n_common - len(self._put_in) : n_common] = True
+        if self.about is not None and self.about.channels is not None:
+            for index in self._channel:
+                found[index] = True
+        return found
+
+    def _said(self) -> Float[Tensor, " n_nuisance"]:
+        """Of each nuisance, how many times what one standard deviation makes of it its group is taken for."""
+        return self._root(torch.tensor([self.scale.get(name, 1.0) for name in self.names], dtype=torch.float64))
 
     def misfit(
         self,

@@ -4,6 +4,11 @@ With q what the reference has told, parameters and specimen, q̂ its mean and R 
 test are H(q̂, p) + ∂H/∂q R ξ + nuisances of that test + noise, ξ ~ N(0, I): the reference is one more group of nuisances
 whose size is known, about the very model; so is what the modes' shapes leave open of what p does. p is what changed,
 and what has a value of its own in each test.
+
+A drift of a part of a peak's width is not linear, and what a linear one leaves looks like a change. The drift is taken
+about where it is most probable, with what the channels have of their own, beside each hypothesis and beside none.
+
+Source: Lindstrom and Bates, Biometrics 46 (1990) 673, for linearising about the nuisances as they are found.
 """
 
 import math
@@ -36,20 +41,26 @@ class Hypothesis(NamedTuple):
         frozen: in all dofs, that as numbers.
         specimens: of the reference, in the basis.
         reduced: `frozen` in the basis, as the specimen that was found.
+        mean: the same without drift.
         told: parameters that the reference has told.
         half: R.
+        n_drift: its last columns, which are the drift.
         changed: whether anything has.
         about: what the channels have of their own in this test, about which it is; None for nothing.
+        drift: since the reference, about which it is, in standard deviations; None for none.
     """
 
     whole: PlateModel
     frozen: PlateModel
     specimens: ReferenceSpecimens
     reduced: PlateModel
+    mean: PlateModel
     told: list[str]
     half: Float[Tensor, "n_all k"]
+    n_drift: int
     changed: bool
     about: Found | None = None
+    drift: Float[Tensor, " n_drift"] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +109,9 @@ class After:
             # A number in the config of this test.
             rows = [told.index(name) for name in known] + list(range(len(told), len(half)))
             half = half[rows]
-        return Hypothesis(whole, frozen, specimens, reduced, known, half, bool(changes))
+        return Hypothesis(
+            whole, frozen, specimens, reduced, reduced, known, half, self.reference.drift.shape[1], bool(changes)
+        )
 
     def marginal(self, one: Hypothesis, theta: Float[Tensor, " n"]) -> Marginal:
         """Noise and nuisances of this test, and what the reference leaves open, beside a member."""
@@ -109,9 +122,9 @@ class After:
         everything = torch.tensor([values[name] for name in model.names]).to(theta)
         columns = all_columns(self.builder, model, one.specimens, everything, one.told)
         known = columns @ one.half.to(columns)
-        if not one.changed:
-            return plain.beside(known, GROUP)
-        return plain.beside(torch.cat([known, self._shapes(one, theta, columns)], dim=-1), GROUP)
+        if one.changed:
+            known = torch.cat([self._shapes(one, theta, columns), known], dim=-1)
+        return plain.beside(known, GROUP, one.drift)
 
     def _shapes(
         self, one: Hypothesis, theta: Float[Tensor, " n"], columns: Complex[Tensor, "n_f n_response n_reference n_all"]
@@ -119,7 +132,7 @@ class After:
         """What a change does to each mode is as uncertain as the mode's shape is."""
         reference = self.reference
         before, n_mode = reference.eigenvalue, len(reference.eigenvalue)
-        after = eigenvalues(one.reduced, theta)[:n_mode]
+        after = eigenvalues(one.mean, theta)[:n_mode]
         moved = 0.5 * (after.clamp(min=1.0) / before.clamp(min=1.0)).log()
         settings, first = reference.settings, len(one.told) + reference.n_section
         std = settings.shape * reference.missed * moved.abs() / settings.mode_stiffness
@@ -154,137 +167,211 @@ class After:
         rows = one.frozen.space.to_si(places[kept[:n_best]]).tolist()
         return tuple(dict(zip(one.frozen.names, row, strict=True)) for row in rows), float(left[kept[0]])
 
-    def moved(self, one: Hypothesis, channels: OfChannels | None) -> Hypothesis:
-        """The same with sensors and hits where they were found."""
-        if channels is None:
+    def moved(
+        self, one: Hypothesis, channels: OfChannels | None, drift: Float[Tensor, " n_drift"] | None = None
+    ) -> Hypothesis:
+        """The same with sensors and hits where they were found, and the plate drifted as it was.
+
+        Args:
+            one: the hypothesis.
+            channels: what each has of its own; None for nothing.
+            drift: since the reference, in standard deviations; None for none.
+        """
+        if channels is None and drift is None:
             return one
-        nothing = one.frozen.known.new_zeros(0)
-        about = Found(nothing, nothing[:, None], channels)
-        return one._replace(reduced=one.specimens.at(self.reference.shift, channels), about=about)
+        about, shift = None, self.reference.shift
+        if channels is not None:
+            nothing = one.frozen.known.new_zeros(0)
+            about = Found(nothing, nothing[:, None], channels)
+        if drift is not None:
+            shift = shift + (one.half[:, -len(drift) :] @ drift)[-len(shift) :]
+        return one._replace(reduced=one.specimens.at(shift, channels), about=about, drift=drift)
 
     def fit(
         self,
         changes: Sequence[Change],
         starts: Sequence[Mapping[str, float]],
-        channels: OfChannels | None = None,
+        begun: "Nuisances | None" = None,
         hopeless: float = math.inf,
-    ) -> Fit:
+    ) -> "Ended":
         """The best of some starts, at the sharp level.
 
         Args:
             changes: in the model.
             starts: values of the parameters that have changed, the best first.
-            channels: what each has of its own, as far as it is known.
+            begun: nuisances from which it begins; None for none.
             hopeless: misfit from which on a way is not followed to its end [-].
         """
         fitting = self.builder.target.settings.fitting
         one = self.hypothesis(changes, starts[:1])
         names = one.frozen.names
         places = torch.stack([_place(one.frozen, start, self.reference.values) for start in starts or [{}]])
+        channels, drift = (None, None) if begun is None else begun
         ends = []
         for place in places[: len(places) if names else 1]:
-            ends.append(self._sharply(one, place, channels, hopeless=hopeless))
+            ends.append(self._sharply(one, place, channels, drift, hopeless, drifts=begun is not None))
         best = min(ends, key=lambda end: end.fit.cost)
         if best.fit.reduced_misfit > hopeless:
-            return best.fit
-        best = self._drifting(one, best)
+            return best.ended
+        if begun is None:
+            # A drift is put in once what has changed is nearly where it belongs: before, it would stand in for it.
+            best = self._drifting(one, best)
+            best = self._sharply(one, best.place, best.channels, best.drift, drifts=True)
         if not names:
-            return best.fit
+            return best.ended
         for _ in range(self.reference.settings.n_turn - 1):
             # In a basis of where it has come to.
             values = dict(zip(names, best.fit.theta.tolist(), strict=True))
-            again = self._sharply(self.hypothesis(changes, [values]), best.place, best.channels, best.common)
+            again = self._sharply(
+                self.hypothesis(changes, [values]), best.place, best.channels, best.drift, drifts=True
+            )
             moved = float((again.place - best.place).abs().max())
             fallen = best.fit.cost - again.fit.cost
             best = again
             if moved < self.reference.settings.rest or abs(fallen) < fitting.little:
                 break
-        return best.fit
+        return best.ended
 
     def _drifting(self, one: Hypothesis, here: "End") -> "End":
-        """The same with the drift that all records have in common put in as it is, where that is more probable.
+        """The same about a drift of all modes alike, where that is more probable.
 
-        Beside a light damping a drift of a third of a peak's half width is nothing linear: what the reference leaves
-        open does not reach there, and what it cannot explain looks like a change. It is found along a line, by
-        parabolas, with what is known of it beforehand.
+        Beside a light damping two kelvin are more than a peak is wide: no least squares reaches there from where
+        nothing has drifted. It is found along a line, by parabolas, before channels have taken on what it leaves.
         """
-        if here.seen is None or not here.seen.drift or "drift" not in (*here.seen.of_response, *here.seen.of_reference):
-            return here
         settings, little = self.reference.settings, self.builder.target.settings.fitting.little
+        along, channels = torch.zeros_like(here.put_in), here.at_their_marks
+        along[0] = 1 / settings.drift_all
 
-        def at(common: float) -> tuple[float, End]:
-            assert here.seen is not None
-            channels = with_drift(here.channels or here.seen.within(0.0), common - here.common)
-            end = self._judged(one, here.place, channels, common)
-            return end.fit.cost + (common / settings.drift_all) ** 2, end
+        def at(drift: float) -> tuple[float, float]:
+            return self._judged(one, here.place, channels, drift * along).held, drift
 
-        best, step = (here.fit.cost + (here.common / settings.drift_all) ** 2, here), settings.drift_mode
+        best, step = at(0.0), settings.drift_mode
         for _ in range(settings.n_turn):
-            before, middle = best[0], best[1].common
+            before, middle = best
             sides = [at(middle - step), at(middle + step)]
             bend = sides[0][0] + sides[1][0] - 2 * before
             off = 0.5 * (sides[0][0] - sides[1][0]) / bend if bend > 0 else math.copysign(2, sides[0][0] - sides[1][0])
-            best = min(best, *sides, at(middle + step * max(-2.0, min(2.0, off))), key=lambda one: one[0])
+            best = min(best, *sides, at(middle + step * max(-2.0, min(2.0, off))))
             if before - best[0] < little:
                 break
             step = step if abs(off) > 1 else 0.5 * step
-        if best[1] is here:
-            return here
-        return self._sharply(one, best[1].place, best[1].channels, best[1].common)
+        there = self._judged(one, here.place, channels, best[1] * along)
+        return min(here, there, key=lambda end: end.held)
 
     def _sharply(
         self,
         one: Hypothesis,
         place: Float[Tensor, " n"],
         channels: OfChannels | None = None,
-        common: float = 0.0,
+        drift: Float[Tensor, " n_drift"] | None = None,
         hopeless: float = math.inf,
+        drifts: bool = False,
     ) -> "End":
-        """Least squares beside channels as they are, then the channels anew beside what has changed, in turns.
+        """Least squares beside nuisances as they are, then these anew beside what has changed, in turns.
 
         How the reference's uncertainty shows changes with what has changed, which no part of the way knows: a part may
-        end less probable than it began, and is then gone half as far, and half again. A likelihood about channels that
-        are not what it says of them is not to be compared, lower or not: what counts is where they have settled.
+        end less probable than it began, and is then gone half as far, and half again. A likelihood about nuisances that
+        are not what it says of them is not to be compared, lower or not: what counts is where they have settled. The
+        plate's drift stays as it is, and what it may be beyond that linear, unless it is to settle too.
+
+        Args:
+            one: the hypothesis.
+            place: from where.
+            channels: what each has of its own; None for nothing.
+            drift: of the plate since the reference; None for none.
+            hopeless: misfit from which on a way is not followed to its end [-].
+            drifts: whether the drift is to settle.
         """
         target, fitting = self.builder.target, self.builder.target.settings.fitting
-        here = self._judged(one, place, channels, common)
+        here = self._judged(one, place, channels, drift)
         for _ in range(self.reference.settings.n_turn):
             before = here.fit.cost
             if len(place):
                 problem = Problem(self.builder, here.about.reduced, {}, here.marginal)
                 to, _, _ = problem.descend(here.place[None], target.levels - 1, fitting.n_iteration)
                 for part in fitting.parts:
-                    there = self._judged(one, torch.lerp(here.place, to[0], part), here.channels, common)
+                    there = self._judged(one, torch.lerp(here.place, to[0], part), here.channels, here.drift)
                     if there.fit.cost < before:
                         here = there
                         break
             if here.fit.reduced_misfit > hopeless:
                 break
             fallen = before - here.fit.cost
-            for _ in range(self.reference.settings.n_turn):
-                settled = self._judged(one, here.place, here.seen, common)
-                moved = abs(settled.fit.cost - here.fit.cost)
-                here = settled
-                if moved < fitting.little:
-                    break
+            here = self._resting(one, here) if drifts else self._settled(one, here)
             if fallen < fitting.little:
                 break
         return here
 
+    def _settled(self, one: Hypothesis, here: "End") -> "End":
+        """The same about channels that are what the residuals say of them."""
+        for _ in range(self.reference.settings.n_turn):
+            before, here = here, self._judged(one, here.place, here.from_each_other, here.drift)
+            if abs(here.fit.cost - before.fit.cost) < self.builder.target.settings.fitting.little:
+                break
+        return here
+
+    def _resting(self, one: Hypothesis, here: "End") -> "End":
+        """The same about a drift and channels that are most probable together, by Levenberg's steps."""
+        settings, fitting = self.reference.settings, self.builder.target.settings.fitting
+        here, damping = self._judged(one, here.place, here.channels or here.at_their_marks, here.put_in), 0.0
+        held = here.held
+        for _ in range(settings.n_settled):
+            before, lowest = here, held
+            for _ in range(settings.n_settled):
+                drift, channels = before.marginal.towards(before.off, damping)
+                channels = None if channels is None else channels.within(fitting.farthest)
+                there = self._judged(one, before.place, channels, drift)
+                if (there_held := there.held) < lowest:
+                    here, held, damping = there, there_held, 0.1 * damping if damping > 1 else 0.0
+                    break
+                damping = max(1.0, 10 * damping)
+            if lowest - held < fitting.little:
+                break
+        return here
+
     def _judged(
-        self, one: Hypothesis, place: Float[Tensor, " n"], channels: OfChannels | None, common: float = 0.0
+        self,
+        one: Hypothesis,
+        place: Float[Tensor, " n"],
+        channels: OfChannels | None,
+        drift: Float[Tensor, " n_drift"] | None = None,
     ) -> "End":
-        """A hypothesis at a place, about channels as they are taken to be; `common` is a part of their drifts."""
+        """A hypothesis at a place, about channels and a drift as they are taken to be."""
         target = self.builder.target
-        about = self.moved(one, channels)
+        about = self.moved(one, channels, drift)
         of_fit = Beside(lambda: self.marginal(about, one.frozen.space.to_si(place)))
         found, marginal = judged_beside(self.builder, one.frozen, about.reduced, {}, place, of_fit), of_fit()
         # The specimen is the reference's in any case: what it makes expected is what is predicted.
         found = found._replace(prediction=found.expected, gap=found.left)
-        seen = marginal.channels(marginal.residual(target.off(found.expected, marginal.about)))
+        off = target.off(found.expected, marginal.about)
+        seen = marginal.channels(marginal.residual(off))
         if seen is not None:
-            seen = with_drift(from_each_other(seen.within(target.settings.fitting.farthest)), common)
-        return End(found, place, channels, seen, marginal, about, common)
+            seen = seen.within(target.settings.fitting.farthest)
+        return End(found, place, channels, seen, marginal, about, drift, off)
+
+
+class Nuisances(NamedTuple):
+    """What a fit has found of what no change is.
+
+    Attributes:
+        channels: what each has of its own in this test, as it was judged; None for nothing.
+        drift: of the plate since the reference, in standard deviations; None for none.
+    """
+
+    channels: OfChannels | None
+    drift: Float[Tensor, " n_drift"] | None
+
+
+class Ended(NamedTuple):
+    """A fit, and what it has found of what no change is.
+
+    Attributes:
+        fit: it.
+        nuisances: these.
+    """
+
+    fit: Fit
+    nuisances: Nuisances
 
 
 class End(NamedTuple):
@@ -297,7 +384,8 @@ class End(NamedTuple):
         seen: what the residuals there say of them.
         marginal: noise and nuisances, beside which it was judged.
         about: the hypothesis, sensors and hits off their marks.
-        common: drift of all records alike, about which it was judged [-].
+        drift: of the plate, about which it was judged; None for none.
+        off: residuals.
     """
 
     fit: Fit
@@ -306,7 +394,33 @@ class End(NamedTuple):
     seen: OfChannels | None
     marginal: Marginal
     about: Hypothesis
-    common: float = 0.0
+    drift: Float[Tensor, " n_drift"] | None
+    off: Complex[Tensor, "n_frequency n_response n_reference"]
+
+    @property
+    def put_in(self) -> Float[Tensor, " n_drift"]:
+        """The drift, 0 where there is none."""
+        return self.about.half.new_zeros(self.about.n_drift) if self.drift is None else self.drift
+
+    @property
+    def held(self) -> float:
+        """−2 ln of the probability of the residuals and of what was put in together."""
+        return self.marginal.held(self.off)
+
+    @property
+    def from_each_other(self) -> OfChannels | None:
+        """What the residuals say of the channels, of their drifts those from each other."""
+        return None if self.seen is None else from_each_other(self.seen)
+
+    @property
+    def at_their_marks(self) -> OfChannels | None:
+        """Channels put in as they are meant."""
+        return None if self.seen is None else self.seen.none()
+
+    @property
+    def ended(self) -> "Ended":
+        """What others need of it: columns of nuisances are not held."""
+        return Ended(self.fit, Nuisances(self.channels, self.drift))
 
 
 def from_each_other(channels: OfChannels) -> OfChannels:
@@ -324,20 +438,6 @@ def from_each_other(channels: OfChannels) -> OfChannels:
             values[seen, at] -= values[seen, at].mean()
             found[side] = values
     return channels._replace(**found)
-
-
-def with_drift(channels: OfChannels, drift: float) -> OfChannels:
-    """The same with a drift more that all records have in common [-]."""
-    if not drift or not channels.drift:
-        return channels
-    side, names = ("reference", channels.of_reference)
-    if "drift" not in names:
-        side, names = ("response", channels.of_response)
-    if "drift" not in names:
-        return channels
-    values = getattr(channels, side).clone()
-    values[:, names.index("drift")] += drift / channels.drift
-    return channels._replace(**{side: values})
 
 
 def as_the_specimen(model: PlateModel, specimen: PlateModel) -> PlateModel:

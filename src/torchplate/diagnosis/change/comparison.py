@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -11,7 +11,7 @@ from torch import Tensor
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.catalogue import candidates, channels_of
 from torchplate.diagnosis.candidates.channels import rearrangements
-from torchplate.diagnosis.change.after import After, Hypothesis, as_the_specimen
+from torchplate.diagnosis.change.after import After, Ended, Hypothesis, Nuisances, as_the_specimen
 from torchplate.diagnosis.change.changes import Change, allowed, grid, n_names, parameters_that_moved
 from torchplate.diagnosis.change.posterior import Choice, Weighed, chance, choose
 from torchplate.diagnosis.judged import Fit
@@ -52,12 +52,14 @@ class State:
     Attributes:
         changes: named.
         fit: with them.
+        nuisances: what it has found of what no change is.
         choices: how each was chosen, and the fits that it was chosen from.
         promises: of each step.
     """
 
     changes: tuple[Change, ...]
     fit: Fit
+    nuisances: Nuisances
     choices: tuple[Chosen, ...] = ()
     promises: tuple[tuple[Promise, ...], ...] = ()
 
@@ -82,9 +84,9 @@ class Comparing:
         starts: Sequence[Mapping[str, float]] = [own]
         if self.after.own:
             starts, _ = self.after.down([], starts)
-        found = self.after.fit([], starts)
+        found, nuisances = self.after.fit([], starts)
         self.say(f"nothing changed: misfit {found.reduced_misfit:.4g}")
-        return State((), found)
+        return State((), found, nuisances)
 
     def further(self, state: State) -> State | None:
         """One change more, if one is more probable than none."""
@@ -92,11 +94,11 @@ class Comparing:
         promises = self._tried(state)
         ways = self._ways(state, promises)
         fits: dict[tuple[str, str], Fit] = {}
+        ended: dict[tuple[str, str], Ended] = {}
         tried: dict[tuple[str, str], Change] = {}
-        # Channels that are hardly in doubt are where they were found: no change is to gain by finding them once more.
-        about = state.fit.about
-        sure = about is not None and state.fit.reduced_misfit <= target.settings.screening.nearly_right
-        channels = about.channels if about is not None and sure else None
+        # Nuisances that are hardly in doubt are as they were found: no change is to gain by finding them once more.
+        sure = state.fit.reduced_misfit <= target.settings.screening.nearly_right
+        begun = state.nuisances if sure else None
         hopeless = target.settings.searching.hopeless
         # What becomes a simpler effect at an end of its parameters comes after it; where that explains all, not at all.
         for change, starts, promised in sorted(ways, key=lambda way: bool(_contained(way[0]))):
@@ -106,11 +108,12 @@ class Comparing:
                 continue
             least = min((one.reduced_misfit for one in fits.values()), default=math.inf)
             limit = target.settings.selecting.hopeless_rival * least
-            found = self.after.fit([*state.changes, change], starts, channels, limit)
-            self.say(f"  {change.name}: misfit {found.reduced_misfit:.4g}")
-            fits[change.key], tried[change.key] = found, change
+            found = self.after.fit([*state.changes, change], starts, begun, limit)
+            self.say(f"  {change.name}: misfit {found.fit.reduced_misfit:.4g}")
+            fits[change.key], ended[change.key], tried[change.key] = found.fit, found, change
         if not fits:
             return None
+        state = self._anew(state, min(ended.values(), key=lambda one: one.fit.cost))
         weight = weight_of([state.fit, *fits.values()])
         weighed = [
             Weighed(
@@ -128,13 +131,19 @@ class Comparing:
         step = (choice, fits, state.fit)
         assert choice.best.change is not None
         if not choice.needed:
-            return State(state.changes, state.fit, state.choices, (*state.promises, tuple(promises)))
+            return replace(state, promises=(*state.promises, tuple(promises)))
         return State(
             (*state.changes, choice.best.change),
-            fits[choice.best.change.key],
+            *ended[choice.best.change.key],
             (*state.choices, step),
             (*state.promises, tuple(promises)),
         )
+
+    def _anew(self, state: State, best: Ended) -> State:
+        """The same from the nuisances that a further change has found: it is to win by itself, not by these."""
+        start = dict(zip(state.fit.model.names, state.fit.theta.tolist(), strict=True))
+        again = self.after.fit(state.changes, [start], best.nuisances)
+        return replace(state, fit=again.fit, nuisances=again.nuisances) if again.fit.cost < state.fit.cost else state
 
     def _ways(self, state: State, promises: Sequence[Promise]) -> list[Way]:
         """What is refitted, from where: what promises most where peaks are, and beside them."""
@@ -166,8 +175,8 @@ class Comparing:
         after, target = self.after, self.after.builder.target
         values = dict(zip(state.fit.model.names, state.fit.theta.tolist(), strict=True))
         plain = after.hypothesis(state.changes, [values], by_element=True)
-        about = state.fit.about
-        one = after.moved(plain, None if about is None else about.channels)
+        sure = state.fit.reduced_misfit <= target.settings.screening.nearly_right
+        one = after.moved(plain, state.nuisances.channels, state.nuisances.drift if sure else None)
         theta = state.fit.theta
         screening = target.settings.screening
         sharply = float(target.gap(state.fit.prediction)) < screening.overlapping

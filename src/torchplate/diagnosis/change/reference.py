@@ -37,6 +37,7 @@ class Reference:
         position: of these, on the unit cube.
         shift: of the specimen, in standard deviations.
         covariance: of both, position first.
+        drift: how far both may be off in the next test, a column each: all modes alike, each mode, each damping.
         values: of all parameters, known ones too, in SI units.
         modes: those with a stiffness of their own.
         eigenvalue: ω² of these in the specimen that was found [rad²/s²].
@@ -54,6 +55,7 @@ class Reference:
     position: Float[Tensor, " n"]
     shift: Float[Tensor, " n_off"]
     covariance: Float[Tensor, "n_all n_all"]
+    drift: Float[Tensor, "n_all n_drift"]
     values: Mapping[str, float]
     modes: OwnModes
     eigenvalue: Float[Tensor, " n_mode"]
@@ -81,22 +83,25 @@ class Reference:
     def drifted(self) -> "Reference":
         """What is known of the next test: the same, and how far a plate drifts from test to test."""
         settings, n_mode = self.settings, len(self.modes.eigenvalue)
-        covariance = self.covariance.clone()
         first = len(self.names) + self.n_section
-        stiff, damped = slice(first, first + n_mode), slice(first + n_mode, first + 2 * n_mode)
-        own = torch.eye(n_mode).to(covariance) * (settings.drift_mode / settings.mode_stiffness) ** 2
-        covariance[stiff, stiff] += own + (settings.drift_all / settings.mode_stiffness) ** 2
+        each = torch.eye(n_mode).to(self.covariance)
+        drift = self.covariance.new_zeros(len(self.covariance), 1 + 2 * n_mode)
+        drift[first : first + n_mode, 0] = settings.drift_all / settings.mode_stiffness
+        drift[first : first + n_mode, 1 : 1 + n_mode] = each * settings.drift_mode / settings.mode_stiffness
         if self.damping > 0:
-            covariance[damped, damped] += torch.eye(n_mode).to(own) * (settings.drift_damping / self.damping) ** 2
-        return replace(self, covariance=covariance)
+            drift[first + n_mode : first + 2 * n_mode, 1 + n_mode :] = each * settings.drift_damping / self.damping
+        return replace(self, drift=drift)
 
     def half(self, without: Collection[str]) -> tuple[list[str], Float[Tensor, "n_left k"]]:
-        """The parameters left where of some nothing is said, and R with R Rᵀ the covariance of these and the shift."""
+        """The parameters left where of some nothing is said, and R with R Rᵀ the covariance of these and the shift.
+
+        The drift is its last columns.
+        """
         names = [name for name in self.names if name not in without]
         kept = [k for k, name in enumerate(self.names) if name not in without]
         kept += list(range(len(self.names), len(self.covariance)))
         value, vector = torch.linalg.eigh(self.covariance[kept][:, kept])
-        return names, vector * value.clamp(min=0.0).sqrt()
+        return names, torch.cat([vector * value.clamp(min=0.0).sqrt(), self.drift[kept]], dim=1)
 
 
 @torch.no_grad()
@@ -147,7 +152,7 @@ def fit_reference(builder: ModelBuilder, prior: Prior, settings: ChangeSettings)
     covariance = scaled / norm[:, None] / norm
     values = found.model.as_dict(theta)
     return Reference(
-        model.names, position, shift, 0.5 * (covariance + covariance.mT), values, modes,
+        model.names, position, shift, 0.5 * (covariance + covariance.mT), covariance[:, :0], values, modes,
         eigenvalues(specimen, theta)[:n_mode], target.wandering, damping,
         specimens.n_section, judged.noise_scale, place, judged.scale, found, settings,
     )  # fmt: skip
