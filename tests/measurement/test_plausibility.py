@@ -8,6 +8,7 @@ import torch
 from torchplate.effects import HystereticDamping, Plate, SupportSpring
 from torchplate.measurement import SI_UNIT, Channel, Measurement, NaturalFrequencies
 from torchplate.measurement.plausibility import disagreements
+from torchplate.measurement.quality import runs_backwards
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
@@ -181,3 +182,26 @@ def test_rigid_body_modes_are_those_that_the_edges_leave(edges, first):
     frequency = bare.natural_frequencies(torch.zeros(0, dtype=torch.float64), 5)
     # Rounding leaves a rigid-body mode below a thousandth of the first bending mode.
     assert int((frequency < 1e-2 * frequency[-1]).sum()) == first
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_frfs_that_are_complex_conjugate_are_said_to_run_backwards(noise):
+    right = measured(noise=noise)
+    (told,) = disagreements(plate(), replace(right, frf=right.frf.conj().resolve_conj()))
+    assert told.startswith("Time runs backwards in the FRFs")
+    assert "complex conjugate" in told
+
+
+@pytest.mark.parametrize("n", [32, 400])
+def test_noise_alone_and_peaks_narrower_than_the_lines_run_neither_way(n):
+    right = measured().band(5.0, 5.0 + 0.5 * (n - 1)) if n < 400 else measured().every(40)
+    for seed in range(40):
+        scatter = torch.randn(*right.frf.shape, 2, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+        assert not runs_backwards(replace(right, frf=torch.view_as_complex(scatter)))
+    assert not runs_backwards(right)
+
+
+def test_a_delay_and_a_turned_sensor_do_not_turn_time():
+    right = measured()
+    phase = torch.exp(-2j * torch.pi * right.frequency * 3e-4)[:, None, None]
+    assert disagreements(plate(), replace(right, frf=-right.frf * phase)) == ()

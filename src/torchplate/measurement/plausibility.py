@@ -19,7 +19,7 @@ from torch import Tensor
 
 from torchplate.measurement.measurement import SI_UNIT, Kind, Measurement
 from torchplate.measurement.natural_frequencies import NaturalFrequencies
-from torchplate.measurement.quality import peaks, summed_amplitude
+from torchplate.measurement.quality import CONJUGATE, peaks, runs_backwards, summed_amplitude
 from torchplate.model import DENSE, PlateModel, SparseModel, plate_mass, sizes
 
 
@@ -91,6 +91,8 @@ def disagreements(
         box = _Box(model, limits)
         found = [] if table is None else list(box.of_table(table))
         if measurement is not None:
+            if runs_backwards(measurement.to("cpu")):
+                found.append(f"{CONJUGATE[0].upper()}{CONJUGATE[1:]}. Write the complex conjugate of each.")
             counts = list(box.of_counts(measurement))
             # A model whose frequencies are elsewhere says nothing of the level.
             found += counts or list(box.of_level(measurement.to(model.known.device), gain_is_unknown))
