@@ -50,6 +50,15 @@ def test_driving_points_are_found_by_place_before_node_number(make_measurement):
     assert [p.label for p in assess(moved).driving_points] == ["3w/8w"]
 
 
+@pytest.mark.parametrize(("scale", "n"), [(1.0, 0), (1e3, 1)])
+def test_coordinates_of_hundreds_of_metres_are_suspicious(scale, n, make_measurement):
+    right = make_measurement()
+    moved = [replace(one, coordinate=tuple(scale * x for x in one.coordinate)) for one in right.response]
+    found = [one for one in assess(replace(right, response=tuple(moved))).suspicions if one.label == "coordinates"]
+    assert len(found) == n
+    assert all("mm that are read as m" in one.reason for one in found)
+
+
 @pytest.mark.parametrize(("factor", "word"), [(0.0, "dead"), (10**2.5, r"level \+47 dB"), (10**-2.5, "level -52 dB")])
 def test_dead_channels_and_wrong_levels_are_named(factor, word, make_measurement):
     # This channel is 2 to 3 dB under the median channel before it is changed by 50 dB either way.

@@ -19,6 +19,8 @@ SAME_PLACE: Final = 1e-4
 # Energy of impulse responses before time zero over that after it. Noise in a single FRF of 32 lines comes to ten times
 # with a probability of 1e-7; the energy of a peak as wide as a line falls by e^π within the time that the lines span.
 BACKWARDS: Final = 10.0
+# No plate that is hung up and hit is larger [m].
+LARGEST: Final = 20.0
 CONJUGATE: Final = "time runs backwards in the FRFs, as where exp(−iωt) is meant for exp(+iωt)"
 """Two coordinates closer than this [m] are one place: a tenth of a millimetre, less than a hammer tip."""
 
@@ -272,6 +274,11 @@ def suspicions(
     found: list[Suspicion] = []
     if runs_backwards(measurement):
         found.append(Suspicion("all FRFs", f"{CONJUGATE}: take the complex conjugate"))
+    places = torch.tensor([one.coordinate for one in (*measurement.response, *measurement.reference) if one.coordinate])
+    if len(places) and (span := float((places.amax(0) - places.amin(0)).max())) > LARGEST:
+        found.append(
+            Suspicion("coordinates", f"{span:.4g} m apart: mm that are read as m, since the file has no unit?")
+        )
     level = measurement.frf.abs().square().mean(dim=0).sqrt()
     spread = (measurement.frf - measurement.frf.mean(dim=0)).abs().square().mean(dim=0).sqrt()
     noise = line_noise(measurement)
