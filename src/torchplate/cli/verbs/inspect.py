@@ -168,7 +168,8 @@ def _summary(measurement: Measurement, quality: Quality, path: Path) -> Table:
     table.add_row("reciprocity", "\n".join(exchanges[:10] + more) or "no pair both ways round")
     table.add_row("coherence", _coherence(quality))
     table.add_row("peaks", _peaks(quality))
-    table.add_row("suspicious", f"{counted(len(quality.suspicions), 'finding')}, below" if quality.suspicions else "nothing")
+    found = counted(len(quality.suspicions), "finding")
+    table.add_row("suspicious", f"{found}, below" if quality.suspicions else "nothing")
     return table
 
 
