@@ -579,8 +579,8 @@ def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab):
     fine = State(given, fit(finer, given, start, wide=False))
     marginal = fine.fit.marginal
     left = float(marginal.whitened(marginal.over_noise(truth - fine.fit.expected)).square().sum())
-    # 4.9 and 1.5: it need not be sharp, and it is no less than what is left.
-    assert left < selection.settling.left_by_mesh(coarse, fine, finer) < 5 * left
+    # 2.0 and 0.8: it need not be sharp, and it is no less than what is left.
+    assert left < selection.settling.left_by_mesh(coarse, fine, finer) < 3 * left
 
 
 @torch.no_grad()

@@ -82,12 +82,12 @@ def extrapolate(
     if len(twice.assembly.free) > TWO_GRIDS:
         start = torch.from_numpy(prolongation(model.mesh, twice.mesh) @ modes.shape.double().cpu().numpy())
         better = fine.modes_near(start.to(modes.shape))
-        # Those that were asked for; what lies beyond holds what the others miss.
-        count = min(len(modes.eigenvalue) - 1, max(N_MODE, int((modes.frequency <= top).sum())))
     else:
         better = fine.modes(N_MODE, top, bare=True)
-        # The last that the solver found may have a twin that it did not find.
-        count = min(len(modes.eigenvalue), len(better.eigenvalue)) - 1
+    # Those that were asked for, the same on all meshes. The last that a solver found may have a twin that it did not
+    # find, and what lies beyond the top holds what the modes of two grids miss.
+    wanted = max(N_MODE, int((modes.frequency <= top).sum()))
+    count = min(len(modes.eigenvalue) - 1, len(better.eigenvalue) - 1, wanted)
     across = coarse.times_mass(modes.shape[:, :count]).mT @ better.shape[_common(model.mesh, twice.mesh)][:, :count]
 
     def apart(value: Tensor) -> bool:
