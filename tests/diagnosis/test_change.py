@@ -218,6 +218,7 @@ def test_what_drifts_is_integrated_about_where_it_went_however_sharp_the_peaks()
     """Five parts in ten thousand are half a width of these peaks: taken for linear, 24 times the noise is left."""
     comparing = warmed()
     none = comparing.none()
+    assert none.fit.reduced_misfit < none.fit.comparison.size_limit
     assert none.fit.judged.noise_scale**2 < none.fit.comparison.noise_limit
     # Another modulus is another way to the same frequencies, and has nothing left to explain.
     box = comparing.given.searched["plate.youngs_modulus"]

@@ -7,6 +7,7 @@ import math
 import pytest
 import torch
 
+from torchplate.diagnosis.table import refit
 from torchplate.diagnosis.table.comparison import Comparing, Weighed
 from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.hypotheses import Fitted, single, tried, visible
@@ -103,3 +104,16 @@ def test_what_is_known_beforehand_is_a_density_on_the_box():
         places[:, one.model.names.index("plate.youngs_modulus")] = torch.linspace(0, 1, 4001).double()
         density = (-0.5 * (deaf.cost(places) - deaf.evidence.minus_two_log_likelihood(0.0))).exp()
     assert float(torch.trapezoid(density, dx=1 / 4000)) == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(("times", "turns"), [(0.5, 1), (2.0, 2)])
+def test_a_refit_that_is_hopeless_after_its_first_steps_is_not_followed(monkeypatch, times, turns):
+    """It is where the best start leaves more than was allowed; else the best starts go on."""
+    with torch.no_grad():
+        one, problem = weighed(0.15, 4e-3)
+        starts = torch.rand(4, len(one.model.names), generator=torch.Generator().manual_seed(0)).double()
+        least = min(float(end.chi_square) for end in problem.minima(starts, SETTINGS.n_first))
+        went, descended = [], refit._descended
+        monkeypatch.setattr(refit, "_descended", lambda *told: went.append(told[-1]) or descended(*told))
+        problem.minima(starts, hopeless=times * least)
+    assert went == [SETTINGS.n_first, SETTINGS.n_iteration][:turns]

@@ -56,7 +56,14 @@ from torchplate.measurement.noise import Noise, noise_level
 from torchplate.measurement.placement import Match, Placement, place, place_points
 from torchplate.measurement.plausibility import disagreements
 from torchplate.measurement.quality import Quality, assess, peaks, summed_amplitude
-from torchplate.measurement.read import MODAL_SUFFIX, UFF_SUFFIX, read_measurement, read_modal_model, write_modal_model
+from torchplate.measurement.read import (
+    FRF_SUFFIX,
+    MODAL_SUFFIX,
+    UFF_SUFFIX,
+    read_measurement,
+    read_modal_model,
+    write_modal_model,
+)
 from torchplate.measurement.record_files import Layout, read_recordings
 from torchplate.measurement.record_tables import RECORD_SUFFIX
 from torchplate.measurement.recording import Cutting, Hits, Recording, cut
@@ -70,6 +77,7 @@ __all__ = [
     "ANALYSERS",
     "CAREFUL",
     "ESTIMATES",
+    "FRF_SUFFIX",
     "KINDS",
     "METRES",
     "MODAL_SUFFIX",

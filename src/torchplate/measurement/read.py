@@ -10,6 +10,8 @@ from torchplate.measurement.parsing import reads
 from torchplate.measurement.uff import read_uff
 
 UFF_SUFFIX: Final = (".uff", ".unv", ".uf")
+FRF_SUFFIX: Final = (*UFF_SUFFIX, ".npz")
+"""What FRFs are read from and written to."""
 TABLE_SUFFIX: Final = (".csv", ".txt")
 MODAL_SUFFIX: Final = (*UFF_SUFFIX, ".csv")
 """What a modal model is written to."""

@@ -12,11 +12,8 @@ from typing import Any
 import yaml
 
 from torchplate.cli.schema import Config, ConfigError, validated, validated_states
+from torchplate.measurement import FRF_SUFFIX
 from torchplate.nearest import did_you_mean, nearest
-
-# A measurement given where a config belongs.
-NOT_CONFIGS = (".uff", ".unv", ".uf", ".npz")
-
 
 MOST, DEEPEST = 100_000, 40
 """Values in a config, and levels of them; far more than anyone writes."""
@@ -39,7 +36,7 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, An
     Raises:
         InputError: if the file is absent, is not YAML, or a key is unknown or has the wrong kind of value.
     """
-    if path.suffix.lower() in NOT_CONFIGS:
+    if path.suffix.lower() in FRF_SUFFIX:
         raise InputError(
             f"{path}: Expected a config (YAML), got the suffix of a measurement. Name the file in a config under "
             f"measurement.file; `torchplate inspect {path}` says what it holds."

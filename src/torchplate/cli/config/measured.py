@@ -8,6 +8,7 @@ import os
 from torchplate.cli.config.recipe import Recipe
 from torchplate.cli.schema import FrameConfig
 from torchplate.measurement import (
+    FRF_SUFFIX,
     Channel,
     Frame,
     Imperfections,
@@ -23,7 +24,6 @@ from torchplate.measurement import (
 )
 from torchplate.nearest import nearest
 
-SUFFIXES = (".uff", ".unv", ".uf", ".npz")
 MISSED = 0.1
 """Part of the longer side that nobody's hits are off their marks by."""
 FEW, BEYOND = 10, 1.5
@@ -68,7 +68,7 @@ class Measured(Recipe):
             special = any(letter < " " for letter in str(settings.file))
             shown = repr(str(path))[1:-1] if special else path
             near = os.path.relpath(settings.file, self.path.parent)
-            like = nearest(path.name, [one.name for one in path.parent.glob("*") if one.suffix.lower() in SUFFIXES])
+            like = nearest(path.name, [one.name for one in path.parent.glob("*") if one.suffix.lower() in FRF_SUFFIX])
             guess = f" Did you mean {settings.file.parent / like}?" if like else ""
             if path.parts[len(self.path.parent.parts) :][:1] == ("~",):
                 guess = " ~ is not followed here: write the whole path."

@@ -8,13 +8,11 @@ from rich.console import Console
 from torchplate.cli.config import InputError
 from torchplate.cli.config.build import Run, load_run
 from torchplate.cli.folder.writing import whole
-from torchplate.measurement import ANALYSERS, Analyser, Hammer, Measurement, write_uff
+from torchplate.measurement import ANALYSERS, FRF_SUFFIX, Analyser, Hammer, Measurement, write_uff
 from torchplate.measurement import simulate as hit
 from torchplate.model import PlateModel
 from torchplate.notation import counted
 from torchplate.search import unknown_name
-
-SUFFIXES = (".uff", ".unv", ".uf", ".npz")
 
 
 def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console: Console | None = None) -> Measurement:
@@ -36,9 +34,9 @@ def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console
     """
     console = console or Console()
     out = Path(out)
-    if out.suffix not in SUFFIXES:
+    if out.suffix not in FRF_SUFFIX:
         raise InputError(
-            f"--out {out}: Expected a name that ends in {', '.join(SUFFIXES)}, got '{out.suffix}'. Rename it."
+            f"--out {out}: Expected a name that ends in {', '.join(FRF_SUFFIX)}, got '{out.suffix}'. Rename it."
         )
     recipe = load_run(path, overrides)
     settings = recipe.config.modal_test
