@@ -20,6 +20,7 @@ NUISANCES = {
     "thickness": "a thickness that wanders over the plate",
     "modulus": "a modulus that wanders over the plate",
     "grain": "a grain",
+    "drive_point": "drive points that give way less than under a point force",
     "mesh": "an error of the mesh",
 }
 

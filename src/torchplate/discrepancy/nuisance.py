@@ -19,6 +19,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from torchplate.discrepancy.drive_point import drive_points
 from torchplate.discrepancy.modal_change import (
     Modal,
     as_modes_move,
@@ -132,6 +133,11 @@ def nuisances(
         common += [
             ("position_std", to_reading(change)) for change in _supports(model, plan, modal, chain.laplace, off, theta)
         ]
+
+    marks = model._points(None, None, None)[:2]
+    if reference is not None and marks[1] is not None:
+        for change in drive_points(plan, marks[0].to(modal.left), marks[1].to(modal.left), off):
+            common.append(("drive_point", to_reading(change.expand(len(frequency), -1, -1).to(reading))))
 
     sides = float(plan.geometry.length_x.mean()), float(plan.geometry.length_y.mean())
     own: list[tuple[str, Tensor]] = []
