@@ -104,7 +104,7 @@ NUMBERS = {"youngs_modulus": 2.05e11, "poisson_ratio": 0.3, "density": 7850.0, "
 BOX = {"plate.youngs_modulus": Searched(1.8e11, 2.3e11), "loss.stiffness_loss_factor": Searched(1e-3, 5e-2, True)}
 
 
-def small_plate(searched=None, gain=1.0, mass=0.0, wire=(), patch=1.0, ratio=1.0) -> PlateModel:
+def small_plate(searched=None, gain=1.0, mass=0.0, wire=(), patch=1.0, ratio=1.0, aspect=1.0) -> PlateModel:
     """A free plate with ten modes below 300 Hz, and a gain, a mass, a wire, a soft patch and a grain hidden in it."""
     effects = {"plate": CATALOGUE["plate"](), "loss": CATALOGUE["hysteretic_damping"]()}
     known = {f"plate.{name}": value for name, value in NUMBERS.items()} | {"loss.stiffness_loss_factor": 1e-2}
@@ -122,7 +122,13 @@ def small_plate(searched=None, gain=1.0, mass=0.0, wire=(), patch=1.0, ratio=1.0
         known |= {"grain.young_ratio": ratio, "grain.shear_factor": 1.0}
     if patch != 1.0:
         effects["patch"] = CATALOGUE["stiffness_loss"]()
-        known |= {"patch.x": SPOT[0], "patch.y": SPOT[1], "patch.size": 0.3, "patch.factor": patch}
+        known |= {
+            "patch.x": SPOT[0],
+            "patch.y": SPOT[1],
+            "patch.size": 0.3,
+            "patch.factor": patch,
+            "patch.aspect": aspect,
+        }
     known = {key: value for key, value in known.items() if key not in (searched or {})}
     return PlateModel(
         Mesh(0.43, 0.3, 4, 4), effects, known, searched, list(SMALL_RESPONSE), list(SMALL_REFERENCE), "accelerance"

@@ -68,6 +68,48 @@ def test_the_best_are_followed_as_long_as_that_takes_them_further(lab, scene, mo
 
 
 @torch.no_grad()
+def test_what_came_near_the_best_is_fitted_again_from_where_that_was_taken(lab):
+    scene = lab.Scene(hidden={"wire": (2000.0, 0.5)})
+    spring, mass = scene.hypothesis("ground_spring", start=0.4), scene.hypothesis("point_mass")
+    # The others had ended far off, one of them with the plate's own parameters elsewhere.
+    patch = scene.hypothesis("damping_patch")
+    stuck = torch.tensor([[0.9, *patch.fit.model.space.to_cube(patch.fit.theta)[1:].tolist()]]).double()
+    lost = replace(patch, fit=judged_at(scene.builder, patch.fit, {}, stuck[0]))
+    assert lost.fit.square > 5 * patch.fit.square
+    far = replace(mass, fit=lab.leaving(mass.fit, 1.5 * lost.fit.square))
+    before = lab.leaving(spring.fit, 0.6 * lost.fit.square)
+    first, *rest = scene.ranking.from_there(scene.state, spring, [spring, lost, far], before)
+    assert first.fit is spring.fit
+    named = {one.name: one for one in rest}
+    # One that is no longer near is left; a support at the same place is asked for.
+    assert set(named) == {"damping_patch", "support_spring"}
+    assert named["damping_patch"].fit.square < 1.1 * patch.fit.square
+    values = named["damping_patch"].fit.model.as_dict(named["damping_patch"].fit.theta)
+    assert values["plate.youngs_modulus"] == pytest.approx(2.05e11, rel=0.02)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("aspect", [1.0, 2.0])
+def test_a_patch_that_was_found_is_fitted_as_a_rectangle_and_is_a_square_where_that_is_enough(lab, aspect):
+    scene = lab.Scene(hidden={"patch": 0.4, "aspect": aspect})
+    square = scene.hypothesis("stiffness_loss")
+    assert "stiffness_loss_1.aspect" not in square.fit.model.names
+    (rectangle,) = scene.ranking._in_detail(scene.state, [square])
+    values = rectangle.fit.model.as_dict(rectangle.fit.theta)
+    spread = float(
+        rectangle.fit.covariance.diagonal()[rectangle.fit.model.names.index("stiffness_loss_1.aspect")].sqrt()
+    )
+    assert abs(values["stiffness_loss_1.aspect"] - aspect) < 3 * spread < 0.9
+    # A number more has to earn what it costs.
+    assert (rectangle.cost < square.cost) == (aspect != 1.0)
+    # What is no equivalent of the best is not asked.
+    far = replace(square, fit=lab.leaving(square.fit, 50 * square.fit.square))
+    mass = scene.hypothesis("point_mass")
+    assert mass.cost < far.cost
+    assert scene.ranking._in_detail(scene.state, [mass, far]) == []
+
+
+@torch.no_grad()
 def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, monkeypatch):
     starts = []
 

@@ -17,8 +17,9 @@ RECTANGLE, SQUARE = Mesh(0.6, 0.3, 6, 5), Mesh(0.4, 0.4, 4, 4)
 LINES = torch.linspace(20.0, 300.0, 29, dtype=torch.float64)
 
 
-def _coverage(mesh: Mesh, x: float, y: float, size: float) -> torch.Tensor:
-    along_x, along_y = mesh.coverage(*(torch.tensor(number, dtype=torch.float64) for number in (x, y, size)))
+def _coverage(mesh: Mesh, x: float, y: float, size: float, aspect: float = 1.0) -> torch.Tensor:
+    given = (torch.tensor(number, dtype=torch.float64) for number in (x, y, size, aspect))
+    along_x, along_y = mesh.coverage(*given)
     return along_x * along_y
 
 
@@ -53,6 +54,43 @@ def test_coverage_is_the_part_of_each_element_within_the_square(mesh):
         ]
         counted = float(along[0].double().mean() * along[1].double().mean())
         assert float(found[index]) == pytest.approx(counted, abs=2.1 / n)  # a grid line more or less on each axis
+
+
+@pytest.mark.parametrize("mesh", [RECTANGLE, SQUARE], ids=["rectangle", "square"])
+@pytest.mark.parametrize("aspect", [0.5, 2.5])
+def test_an_aspect_makes_a_patch_longer_along_x_and_keeps_its_area(mesh, aspect):
+    size, area = 0.2, mesh.length_x * mesh.length_y
+    found = _coverage(mesh, 0.48, 0.52, size, aspect)
+    assert float(found.sum()) * area / mesh.n_element == pytest.approx(size**2 * area, rel=1e-12)
+    along_x, along_y = mesh.coverage(
+        *(torch.tensor(number, dtype=torch.float64) for number in (0.48, 0.52, size, aspect))
+    )
+    # Sides in metres: what is covered of a row of elements, and of a column.
+    n_x, n_y = mesh.cells
+    sides = (
+        float(along_x.reshape(n_y, n_x).sum(-1).max()) * mesh.length_x / n_x,
+        float(along_y.reshape(n_y, n_x).sum(0).max()) * mesh.length_y / n_y,
+    )
+    assert sides[0] / sides[1] == pytest.approx(aspect, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("effect", "strength"), [(StiffnessLoss, {"factor": 0.4}), (DampingPatch, {"loss_factor": 0.3})]
+)
+def test_a_patch_turned_with_its_plate_is_one_of_the_inverse_aspect(effect, strength):
+    here = {"x": 0.3, "y": 0.6, "size": 0.25, "aspect": 1.8} | strength
+    turned = {"x": 0.6, "y": 0.3, "size": 0.25, "aspect": 1 / 1.8} | strength
+    frfs = []
+    for sides, value, places in (
+        ((0.5, 0.3), here, ((0.2, 0.1), (0.7, 0.9))),
+        ((0.3, 0.5), turned, ((0.1, 0.2), (0.9, 0.7))),
+    ):
+        model = _model(Mesh(*sides, 6, 6), effect, value, beta=2e-3)
+        frfs.append(model.frf(NONE, LINES, response=[places[0]], reference=[places[1]]))
+    assert torch.allclose(frfs[0], frfs[1], rtol=1e-9)
+    square = _model(Mesh(0.5, 0.3, 6, 6), effect, here | {"aspect": 1.0}, beta=2e-3)
+    other = square.frf(NONE, LINES, response=[(0.2, 0.1)], reference=[(0.7, 0.9)])
+    assert float((other - frfs[0]).norm() / frfs[0].norm()) > 1e-3
 
 
 def test_a_loss_softens_the_elements_it_covers_and_no_others():

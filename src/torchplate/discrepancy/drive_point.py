@@ -36,8 +36,8 @@ def drive_points(
         off: how far each may be from its mark, along each side [m].
 
     Returns:
-        For each pair of a sensor and a hit that have their marks at one place, receptances that are zero but there; none
-        in a test whose places are exact.
+        For each pair of a sensor and a hit whose marks are at one place, receptances that are zero but there; none in a
+        test whose places are exact.
     """
     if off <= 0:
         return []

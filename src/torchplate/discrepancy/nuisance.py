@@ -136,8 +136,8 @@ def nuisances(
 
     marks = model._points(None, None, None)[:2]
     if reference is not None and marks[1] is not None:
-        for change in drive_points(plan, marks[0].to(modal.left), marks[1].to(modal.left), off):
-            common.append(("drive_point", to_reading(change.expand(len(frequency), -1, -1).to(reading))))
+        for less in drive_points(plan, marks[0].to(modal.left), marks[1].to(modal.left), off):
+            common.append(("drive_point", to_reading(less.expand(len(frequency), -1, -1).to(reading))))
 
     sides = float(plan.geometry.length_x.mean()), float(plan.geometry.length_y.mean())
     own: list[tuple[str, Tensor]] = []

@@ -5,29 +5,36 @@ from dataclasses import dataclass
 import torch
 
 from torchplate.effects.effect import Check, Effect, Value
-from torchplate.effects.parameter import Parameter, Prior, nonnegative, unit_interval
+from torchplate.effects.parameter import Parameter, Prior, nonnegative, positive, unit_interval
 from torchplate.plate import Mesh, Section, laminate
 
 
 @dataclass(frozen=True)
 class DampingPatch(Effect):
-    """Bending stiffness times 1 + iη under a square patch; elements that its edges cut are laminates of both.
+    """Bending stiffness times 1 + iη under a rectangular patch; elements that its edges cut are laminates of both.
 
-    The patch is a square of side size · √(Lx Ly) in metres, as in `stiffness_loss`. What the edges cut is a little
-    stiffer, too: across the cut the compliances 1 / (1 + iη) and 1 add. A mode's loss factor grows by η
+    The patch is a square of side size · √(Lx Ly) in metres, or a rectangle, as in `stiffness_loss`. What the edges cut
+    is a little stiffer, too: across the cut the compliances 1 / (1 + iη) and 1 add. A mode's loss factor grows by η
     times the part of its strain energy that lies in the patch.
     """
 
     parameters = {
         "x": Parameter("-", "centre along x, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
         "y": Parameter("-", "centre along y, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
-        "size": Parameter("-", "side of the square over √(Lx·Ly)", unit_interval, prior=Prior(0.05, 0.5)),
+        "size": Parameter("-", "root of its area over √(Lx·Ly)", unit_interval, prior=Prior(0.05, 0.5)),
         "loss_factor": Parameter(
             "-",
             "loss factor there beyond the plate's",
             nonnegative,
             neutral=0.0,
             prior=Prior(1e-3, 1.0, logarithmic=True),
+        ),
+        "aspect": Parameter(
+            "-",
+            "side along x over that along y, the area kept",
+            positive,
+            neutral=1.0,
+            detail=Prior(1 / 3, 3.0, logarithmic=True),
         ),
     }
     check = Check(4, "put a second sensor near the suspected place, and take the local decay")
@@ -37,7 +44,7 @@ class DampingPatch(Effect):
 
     def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
         """The loss factors of each element, on top of what it has."""
-        along_x, along_y = mesh.coverage(value["x"], value["y"], value["size"])
+        along_x, along_y = mesh.coverage(value["x"], value["y"], value["size"], value["aspect"])
         lossy = torch.complex(torch.ones_like(value["loss_factor"]), value["loss_factor"])[..., None]
         left = laminate(lossy, along_x, along_y, section.poisson_ratio)
         extra = left.imag / left.real

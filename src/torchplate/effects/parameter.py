@@ -106,6 +106,7 @@ class Parameter:
         allowed: the values that make physical sense.
         neutral: the value that leaves the model as it was; None where the parameter must be given.
         prior: where a search for the effect looks for it; None if it is never looked for.
+        detail: where it is looked for once the effect was found with this at its neutral value; None if it never is.
     """
 
     unit: str
@@ -113,6 +114,7 @@ class Parameter:
     allowed: Interval = Interval()
     neutral: float | None = None
     prior: Prior | None = None
+    detail: Prior | None = None
 
     def prior_interval(self, section: Section, geometry: Geometry) -> Searched:
         """The prior in the parameter's unit, cut to what is allowed.

@@ -9,20 +9,28 @@ from torchplate.plate import Mesh, Section, laminate
 
 @dataclass(frozen=True)
 class StiffnessLoss(Effect):
-    """D times a factor under a square patch; elements that its edges cut are laminates of both.
+    """D times a factor under a rectangular patch; elements that its edges cut are laminates of both.
 
-    The patch is a square of side size · √(Lx Ly) in metres, on a rectangle too, its sides along those of the plate;
-    what reaches over an edge is cut off. In a cut element compliances add across the cut and stiffnesses along it: a
-    mean of the stiffnesses would be stiffer than both, one after the other. The parts of its sides that an element has
-    under the patch are piecewise linear in x, y and size, so all three have a gradient.
+    The patch is a square of side size · √(Lx Ly) in metres, on a rectangle too, its sides along those of the plate,
+    unless an aspect other than 1 makes it longer along one of them; what reaches over an edge is cut off. In a cut
+    element compliances add across the cut and stiffnesses along it: a mean of the stiffnesses would be stiffer than
+    both, one after the other. The parts of its sides that an element has under the patch are piecewise linear in x, y
+    and both sides of the patch, so all of them have a gradient.
     """
 
     parameters = {
         "x": Parameter("-", "centre along x, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
         "y": Parameter("-", "centre along y, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
-        "size": Parameter("-", "side of the square over √(Lx·Ly)", unit_interval, prior=Prior(0.05, 0.5)),
+        "size": Parameter("-", "root of its area over √(Lx·Ly)", unit_interval, prior=Prior(0.05, 0.5)),
         "factor": Parameter(
             "-", "bending stiffness there over the sound one", positive, neutral=1.0, prior=Prior(0.1, 1.5)
+        ),
+        "aspect": Parameter(
+            "-",
+            "side along x over that along y, the area kept",
+            positive,
+            neutral=1.0,
+            detail=Prior(1 / 3, 3.0, logarithmic=True),
         ),
     }
     check = Check(3, "look at the place found (dye, tap test), and add a sensor off the symmetry line near it")
@@ -32,6 +40,6 @@ class StiffnessLoss(Effect):
 
     def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
         """What is left of the rigidity of each element."""
-        along_x, along_y = mesh.coverage(value["x"], value["y"], value["size"])
+        along_x, along_y = mesh.coverage(value["x"], value["y"], value["size"], value["aspect"])
         left = laminate(value["factor"][..., None], along_x, along_y, section.poisson_ratio)
         return section._replace(stiffness_factor=section.stiffness_factor * left)

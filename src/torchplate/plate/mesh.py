@@ -299,18 +299,23 @@ class Mesh:
         return found, present
 
     def coverage(
-        self, x: Float[Tensor, "*#batch"], y: Float[Tensor, "*#batch"], size: Float[Tensor, "*#batch"]
+        self,
+        x: Float[Tensor, "*#batch"],
+        y: Float[Tensor, "*#batch"],
+        size: Float[Tensor, "*#batch"],
+        aspect: Float[Tensor, "*#batch"] | float = 1.0,
     ) -> tuple[Float[Tensor, "*batch n_element"], Float[Tensor, "*batch n_element"]]:
-        """Parts of each element's sides along x and y [-] that a square patch covers; times each other, of its area.
+        """Parts of each element's sides along x and y [-] under a rectangular patch; times each other, of its area.
 
-        Both are zero where it covers nothing; piecewise linear in the patch's place and size.
+        Both are zero where it covers nothing; piecewise linear in the patch's place and sides.
 
         Args:
             x: the patch's centre along x, relative [-].
             y: along y.
-            size: its side over √(Lx Ly) [-], of the nominal sides: so it is square on a rectangle too.
+            size: root of its area over √(Lx Ly) [-], of the nominal sides: so it is square on a rectangle too.
+            aspect: its side along x over that along y, in metres [-].
         """
-        stretch = math.sqrt(self.length_y / self.length_x)
+        stretch = math.sqrt(self.length_y / self.length_x) * aspect**0.5
         half_x, half_y = size * stretch / 2, size / stretch / 2
         return self.overlap((x - half_x, x + half_x), (y - half_y, y + half_y))
 

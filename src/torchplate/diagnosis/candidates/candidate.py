@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -45,6 +45,7 @@ class Candidate:
         near: what to try where they do.
         replaces: label of the effect that it stands for; empty where it comes beside all others.
         widened: the model's own parameters that mean something else beside it: their intervals without and with it.
+        detail: its parameters that are looked for once it was found, and where; until then they are neutral.
     """
 
     effect: Effect
@@ -55,11 +56,18 @@ class Candidate:
     near: tuple[Trial, ...] = ()
     replaces: str = ""
     widened: Mapping[str, tuple[Searched, Searched]] = field(default_factory=dict)
+    detail: Mapping[str, Searched] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
         """Of the effect."""
         return self.effect.name
+
+    def in_detail(self) -> "Candidate":
+        """The same with its details looked for, too."""
+        neutral = {key: self.effect.parameters[key].neutral for key in self.detail}
+        known = {key: value for key, value in neutral.items() if value is not None}
+        return replace(self, searched={**self.searched, **self.detail}, neutral={**self.neutral, **known}, detail={})
 
     @property
     def has_place(self) -> bool:

@@ -74,7 +74,14 @@ def candidates(
             far, near = trials(tried, neutral) if rigid is None else yielding(searched, neutral)
             replaces = "" if rigid is None else rigid.label
             widened = _of_the_first(model, chosen) if relative else {}
-            found.append(Candidate(effect, chosen, searched, neutral, tuple(far), tuple(near), replaces, widened))
+            detail = {
+                key: Searched(own.detail.low, own.detail.high, own.detail.logarithmic)
+                for key, own in effect.parameters.items()
+                if own.detail is not None
+            }
+            found.append(
+                Candidate(effect, chosen, searched, neutral, tuple(far), tuple(near), replaces, widened, detail)
+            )
     return found
 
 

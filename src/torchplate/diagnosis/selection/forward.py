@@ -196,8 +196,8 @@ class ForwardSelection:
             needed = self._needed(state, rankings)
             if needed is None:
                 break
-            choice, ranked = needed
-            choice = self._restarted(state, choice)
+            choice, rankings[-1] = self._restarted(state, *needed)
+            ranked = rankings[-1]
             single = self._added(state, choice, ranked)
             # The best alone leaves nothing but noise.
             alone = [one.name for one in ranked.hypotheses if is_noise(one.fit)] == [choice.best.name]
@@ -223,14 +223,15 @@ class ForwardSelection:
         state = self._two_that_promise(state, rankings, most_effects) or state
         return self.settling.ended(state), rankings
 
-    def _restarted(self, state: State, choice: Choice) -> Choice:
+    def _restarted(self, state: State, choice: Choice, ranked: Ranked) -> tuple[Choice, Ranked]:
         """The best hypothesis from where members spread over the box lead, if more than noise is left of it.
 
-        A baseline that lacks an effect may have ended in a basin of its own, and its effects with it.
+        A baseline that lacks an effect may have ended in a basin of its own, and its effects with it: what came near
+        the best is then fitted again from there, too.
         """
         best = choice.best
         if is_noise(best.fit) or not best.fit.by_noise:
-            return choice
+            return choice, ranked
         whole = best.fit.model
         start = whole.space.to_cube(best.fit.theta)[None]
         free = [index for index, name in enumerate(whole.names) if name in state.model.names]
@@ -238,9 +239,12 @@ class ForwardSelection:
             self.builder, with_candidate(state.model, best.label, best.candidate), self.prior, start, free
         )
         if found.cost >= best.fit.cost:
-            return choice
+            return choice, ranked
         self.say(f"  {best.name}: misfit {found.reduced_misfit:.4g} from elsewhere in the box")
-        return replace(choice, best=replace(best, fit=found))
+        every = self.ranking.from_there(state, replace(best, fit=found), ranked.hypotheses, best.fit)
+        seen = {one.name for one in every}
+        every += [one for one in ranked.hypotheses if one.name not in seen]
+        return choose(every, state.fit), replace(ranked, hypotheses=tuple(every))
 
     def _lower(self, state: State, single: State, ranked: Ranked, alone: bool) -> State | None:
         """The given model fitted from where it is beside the first effect, if it ends lower there than it did.

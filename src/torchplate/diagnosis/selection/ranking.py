@@ -119,6 +119,7 @@ class Ranking:
             first = min(ends, key=lambda one: one.cost)
             ends = best_of_each([*ends, *self.instead.of(state, first, everyone, self._beat(state, [first]))])
         limit, beat = self._hopeless(ends), self._beat(state, ends)
+        ends = best_of_each([*ends, *self._in_detail(state, ends)])
         for found in ends:
             far = found.fit.square > limit or (limit < math.inf and found.fit.cost > beat.cost)
             grounded = found.candidate.effect.to_ground and not far
@@ -127,6 +128,35 @@ class Ranking:
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= selecting.little)]
         every = tuple(best_of_each(ended))
         return Ranked(tuple(promises), every, by_chance, frozenset(self._far), ways=self._ways)
+
+    def from_there(self, state: State, best: Hypothesis, others: Sequence[Hypothesis], before: Fit) -> list[Hypothesis]:
+        """A hypothesis with what came near it, fitted again from where that has been taken since.
+
+        Args:
+            state: without any of them.
+            best: the hypothesis, where it is now.
+            others: as they ended beside it, of which the better counts.
+            before: where it had ended.
+        """
+        values = best.fit.model.as_dict(best.fit.theta)
+        theta = torch.tensor([values[name] for name in state.model.names]).to(best.fit.theta)
+        there = State(state.model, best.fit._replace(model=state.model, theta=theta))
+        limit, beat = self.settings.searching.hopeless * best.fit.square, self._beat(state, [best])
+        near = self.settings.selecting.beside * before.square
+        found: list[Hypothesis] = []
+        for one in others:
+            if one.name == best.name or one.fit.square > near:
+                continue
+            own = {key: one.fit.model.as_dict(one.fit.theta)[f"{one.label}.{key}"] for key in one.candidate.searched}
+            whole = with_candidate(state.model, one.label, one.candidate)
+            start = start_of(whole, theta, state.model, own, one.label)[None]
+            again = self.refits.refit(there, one.candidate, one.label, start, limit, beat=beat)
+            again = replace(again, coincidence=one.coincidence, n_option=one.n_option)
+            found.append(min((one, again), key=lambda each: each.cost))
+        if best.candidate.effect.to_ground:
+            best, supports = self.grounded.as_supports(there, best, limit, beat)
+            found += [one for one in supports if one.fit.reduced_misfit <= self.settings.selecting.little]
+        return [best, *best_of_each(found)]
 
     def _catalogue_beside(self, state: State) -> tuple[PlateModel, list[Candidate]]:
         """The plate that candidates are scored beside, in few modes, and all of them."""
@@ -331,6 +361,32 @@ class Ranking:
             found = sorted([*better, *found[len(close) :]], key=lambda one: one.cost)
             if least - found[0].cost < within:
                 break
+        return found
+
+    def _in_detail(self, state: State, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """The best, and what may be its equivalent, with details fitted: from neutral and half way to their ends."""
+        best = min(hypotheses, key=lambda one: one.cost, default=None)
+        if best is None or not best.fit.by_noise:
+            return []
+        found = []
+        for one in hypotheses:
+            if not one.candidate.detail or one.cost - best.cost > _never(best.fit):
+                continue
+            detailed = one.candidate.in_detail()
+            whole = with_candidate(state.model, one.label, detailed)
+            values = dict(detailed.neutral) | {
+                name.removeprefix(f"{one.label}."): value
+                for name, value in one.fit.model.as_dict(one.fit.theta).items()
+            }
+            first = torch.tensor([values[name.removeprefix(f"{one.label}.")] for name in whole.names]).to(one.fit.theta)
+            starts = [whole.space.to_cube(first).clamp(0.0, 1.0)]
+            for key in one.candidate.detail:
+                column = whole.names.index(f"{one.label}.{key}")
+                for end in (0.0, 1.0):
+                    starts.append(starts[0].clone())
+                    starts[-1][column] = 0.5 * (starts[0][column] + end)
+            about = known_section(one.fit)
+            found.append(self.refits.refit(state, detailed, one.label, torch.stack(starts), about=about))
         return found
 
 
