@@ -199,8 +199,9 @@ class ForwardSelection:
             choice, rankings[-1] = self._restarted(state, *needed)
             ranked = rankings[-1]
             single = self._added(state, choice, ranked)
-            # The best alone leaves nothing but noise.
+            # The best alone leaves nothing but noise, or others were fitted from where it does.
             alone = [one.name for one in ranked.hypotheses if is_noise(one.fit)] == [choice.best.name]
+            alone = alone or (ranked is not needed[1] and is_noise(choice.best.fit))
             if not state.named and (lower := self._lower(state, single, ranked, alone)) is not None:
                 # The ranking was beside another baseline: it holds where this was the second time, or no other did.
                 holds = (lowered or alone) and is_needed(lower.fit, choice.best, ranked.by_chance)
