@@ -161,10 +161,16 @@ def test_what_took_less_than_it_promised_is_looked_for_farther_off(lab, scene):
         scene.builder, base, scene.fit.theta, [scene.candidate("sensor_gain")], {}, near=scene.fit.marginal
     )
     assert promise.drop > 0.9
-    assert kept([promise], [gain], scene.state, scene.ranking.settings.screening)
+    settings = scene.ranking.settings.screening
+    assert kept([promise], [gain], scene.state, settings, 12.0)
     stuck = Hypothesis(gain.candidate, gain.label, lab.leaving(gain.fit, 0.5 * scene.fit.square))
-    assert not kept([promise], [stuck], scene.state, scene.ranking.settings.screening)
-    assert not kept([promise], [], scene.state, scene.ranking.settings.screening)
+    assert not kept([promise], [stuck], scene.state, settings, 12.0)
+    assert not kept([promise], [], scene.state, settings, 12.0)
+    # What promised little and kept it leaves much: something promises more where peaks need not overlap.
+    little = promise._replace(drop=0.5)
+    assert kept([little], [stuck], scene.state, settings, 1e9)
+    assert stuck.fit.reduced_misfit > 12
+    assert not kept([little], [stuck], scene.state, settings, 12.0)
 
 
 @torch.no_grad()

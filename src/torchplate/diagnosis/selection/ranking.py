@@ -104,7 +104,7 @@ class Ranking:
         if not nearly_right:
             if promises and promises[0].drop > 1 - selecting.explains_much:
                 hypotheses, chosen = hypotheses + self._refitted(state, chosen, hypotheses), []
-            if not kept(promises, hypotheses, state, screening):
+            if not kept(promises, hypotheses, state, screening, selecting.doubtful):
                 widely_scored, further = self._widely(state, base, everyone)
                 chosen += further
                 promises = promises or widely_scored

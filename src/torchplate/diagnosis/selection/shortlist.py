@@ -41,12 +41,25 @@ def contained(candidate: Candidate, names: Container[str]) -> list[str]:
     return [name for name in candidate.effect.contains if name in names]
 
 
-def kept(promises: Sequence[Scored], hypotheses: Sequence[Hypothesis], state: State, settings: Screening) -> bool:
-    """Whether what was refitted where peaks overlap took most of what the best promised."""
+def kept(
+    promises: Sequence[Scored], hypotheses: Sequence[Hypothesis], state: State, settings: Screening, doubtful: float
+) -> bool:
+    """Whether what was refitted where peaks overlap took most of what the best promised, and leaves little.
+
+    Beside a baseline that ended where it caught some peaks of another mode, the best may promise little.
+
+    Args:
+        promises: the score test, the best first.
+        hypotheses: what was refitted.
+        state: beside which.
+        settings: of the screening.
+        doubtful: mean square up to which little is left.
+    """
     if not hypotheses:
         return False
-    least = min(one.fit.square for one in hypotheses)
-    return state.fit.square - least >= settings.kept * promises[0].drop * state.fit.square
+    least = min((one.fit for one in hypotheses), key=lambda fit: fit.square)
+    took = state.fit.square - least.square >= settings.kept * promises[0].drop * state.fit.square
+    return took and least.reduced_misfit <= doubtful
 
 
 def best_of_each(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

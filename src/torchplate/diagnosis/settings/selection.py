@@ -62,7 +62,8 @@ class Screening:
         near: of a level those go on that leave no more than so many times as much as the best [-].
         faint: what promises less than this part of the best is not refitted [-].
         second: a second option of the same effect is followed if it promises this part of the first's [-].
-        kept: what was refitted kept the promise where it took this part of it [-]; wide levels are not asked then.
+        kept: what was refitted kept the promise where it took this part of it [-]; wide levels are not asked then, if
+            little is left.
         n_rearranged: exchanges and turns of channels that are followed [-]: a further one promises less.
         n_start: starts of one candidate for its refit [-].
         apart: how far apart they must sit, relative to the plate [-]: about as places that are tried do.
