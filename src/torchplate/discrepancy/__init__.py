@@ -11,7 +11,8 @@
 - `nuisance`: what every test has and nobody wants named, as changes of the FRFs; `modal_change`: by modes;
   `second_order`: what such a change leaves out; `wandering`: a plate whose section is not the same everywhere;
   `specimen`: the plate that was measured, as far as it is known how far it is off.
-- `marginal`: the likelihood with all that integrated out; `judged`: what it says of residuals.
+- `marginal`: the likelihood with all that integrated out; `columns`: products with what is integrated out; `judged`:
+  what it says of residuals.
 - `covariance`: from the Jacobian and the noise of every residual to standard errors and correlations.
 """
 
