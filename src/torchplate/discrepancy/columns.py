@@ -1,55 +1,70 @@
-"""What each nuisance, one standard deviation large, makes of the residuals: products with these columns, J.
+"""What each nuisance, one standard deviation large, makes of the FRFs: products with these columns, J.
 
 A channel's own nuisances touch no other channel of its side: their columns are kept for each channel alone.
 """
 
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.discrepancy.nuisance import Nuisances
 
+# Numbers that are weighed at a time: 8 MiB of them.
+AT_ONCE = 2**20
+
 
 class Columns:
-    """J, over √D.
+    """J, which stays as it is whatever the noise is: each product with it is weighed.
 
     Args:
         nuisances: whose columns these are; None for none.
-        weight: 1 / √D; 0 where an FRF does not count.
+        like: numbers of the FRFs, for where there are none.
     """
 
-    def __init__(
-        self, nuisances: Nuisances | None, weight: Float[Tensor, "n_frequency n_response n_reference"]
-    ) -> None:
-        parts = (None, None, None) if nuisances is None else nuisances[:3]
-        common, own, other = (_weighed(part, weight) for part in parts)
-        n_line, self.n_response, self.n_reference = weight.shape
+    def __init__(self, nuisances: Nuisances | None, like: Float[Tensor, "n_frequency n_response n_reference"]) -> None:
+        nothing = like.new_zeros(*like.shape, 2, 0)
+        common, own, other = (nothing,) * 3 if nuisances is None else nuisances[:3]
+        n_line, self.n_response, self.n_reference = like.shape
         self._shape = (n_line, self.n_response, self.n_reference, 2)
         self._common = common.flatten(0, 3)  # [n, k]
         # By channel: [n_channel, lines and the other channels, k].
         self._own = own.movedim(1, 0).flatten(1, 3)
         self._other = other.movedim(2, 0).flatten(1, 3)
         self.n_common, self.n_own, self.n_other = common.shape[-1], own.shape[-1], other.shape[-1]
-        self.gram = self._gram(own, other)
 
-    def _gram(self, own: Tensor, other: Tensor) -> Float[Tensor, "n_nuisance n_nuisance"]:
-        """JᵀJ, block by block."""
-        k, first, second = self.n_common, self.n_common, self.n_common + self.n_response * self.n_own
-        size = second + self.n_reference * self.n_other
-        gram = own.new_zeros(size, size)
-        gram[:k, :k] = self._common.mT @ self._common
-        whole = self._common.unflatten(0, self._shape)
-        by_response, by_reference = whole.movedim(1, 0).flatten(1, 3), whole.movedim(2, 0).flatten(1, 3)
-        gram[:k, first:second] = (by_response.mT @ self._own).movedim(1, 0).flatten(1)
-        gram[:k, second:] = (by_reference.mT @ self._other).movedim(1, 0).flatten(1)
+    def gram(self, weight: Float[Tensor, "n_frequency n_response n_reference"]) -> Float[Tensor, "n n"]:
+        """JᵀD⁻¹J, block by block.
+
+        Args:
+            weight: 1 / √D; 0 where an FRF does not count.
+        """
+        first = self.n_common + self.n_response * self.n_own
+        size = first + self.n_reference * self.n_other
+        found = weight.new_zeros(size, size)
+        width = weight[:1].numel() * 2 * max(1, self.n_common + self.n_own + self.n_other)
+        n_at_once = max(1, AT_ONCE // width)
+        for begin in range(0, len(weight), n_at_once):
+            self._add(found, slice(begin, begin + n_at_once), weight[begin : begin + n_at_once, ..., None, None])
+        return torch.triu(found) + torch.triu(found, 1).mT
+
+    def _add(self, gram: Tensor, lines: slice, over: Float[Tensor, "n_line n_response n_reference 1 1"]) -> None:
+        """To the blocks on and above the diagonal what some lines make of them."""
+        k, first = self.n_common, self.n_common + self.n_response * self.n_own
+        whole = self._common.unflatten(0, self._shape)[lines] * over
+        own = self._own.unflatten(1, (-1, self.n_reference, 2))[:, lines] * over.movedim(1, 0)
+        other = self._other.unflatten(1, (-1, self.n_response, 2))[:, lines] * over.movedim(2, 0)
+        common, of_response, of_reference = whole.flatten(0, 3), own.flatten(1, 3), other.flatten(1, 3)
+        gram[:k, :k] += common.mT @ common
         if self.n_own:
-            gram[first:second, first:second] = torch.block_diag(*(self._own.mT @ self._own))
+            by_response = whole.movedim(1, 0).flatten(1, 3)
+            gram[:k, k:first] += (by_response.mT @ of_response).movedim(1, 0).flatten(1)
+            gram[k:first, k:first] += torch.block_diag(*(of_response.mT @ of_response))
         if self.n_other:
-            gram[second:, second:] = torch.block_diag(*(self._other.mT @ self._other))
+            by_reference = whole.movedim(2, 0).flatten(1, 3)
+            gram[:k, first:] += (by_reference.mT @ of_reference).movedim(1, 0).flatten(1)
+            gram[first:, first:] += torch.block_diag(*(of_reference.mT @ of_reference))
         if self.n_own and self.n_other:
-            across = torch.einsum("fjrpa,fjrpb->jarb", own, other)
-            gram[first:second, second:] = across.flatten(2).flatten(0, 1)
-        return torch.triu(gram) + torch.triu(gram, 1).mT
+            gram[k:first, first:] += torch.einsum("jfrpa,rfjpb->jarb", own, other).flatten(2).flatten(0, 1)
 
     def along(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch n_nuisance"]:
         """Jᵀ r."""
@@ -81,13 +96,10 @@ class Columns:
     def power(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
         """Sum of the squares of all columns, real and imaginary part."""
         n_line, n_response, n_reference, _ = self._shape
-        whole = self._common.square().sum(-1).reshape(self._shape)
-        own = self._own.square().sum(-1).reshape(n_response, n_line, n_reference, 2).movedim(0, 1)
-        other = self._other.square().sum(-1).reshape(n_reference, n_line, n_response, 2).movedim(0, 2)
-        return (whole + own + other).sum(-1)
+        common, own, other = (torch.linalg.vector_norm(one, dim=-1).square() for one in self._parts)
+        whole = common.reshape(self._shape) + own.reshape(n_response, n_line, n_reference, 2).movedim(0, 1)
+        return (whole + other.reshape(n_reference, n_line, n_response, 2).movedim(0, 2)).sum(-1)
 
-
-def _weighed(columns: Complex[Tensor, "n_frequency n_response n_reference k"] | None, weight: Tensor) -> Tensor:
-    if columns is None:
-        return weight.new_zeros(*weight.shape, 2, 0)
-    return torch.view_as_real((columns * weight[..., None]).resolve_conj()).movedim(-1, -2)
+    @property
+    def _parts(self) -> tuple[Tensor, Tensor, Tensor]:
+        return self._common, self._own, self._other

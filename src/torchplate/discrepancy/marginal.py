@@ -29,11 +29,13 @@ from torch import Tensor
 
 from torchplate.discrepancy.columns import Columns
 from torchplate.discrepancy.judged import Judged, Knowledge
-from torchplate.discrepancy.nuisance import Nuisances
+from torchplate.discrepancy.nuisance import Nuisances, real_columns
 from torchplate.discrepancy.specimen import Found, OfChannels
 
 # Fixed points are at rest where no scale changes by more than this part; and after so many turns in any case.
 AT_REST, N_TURN = 1e-3, 60
+# Rows that are whitened at a time.
+AT_ONCE = 16
 # Relative rounding of a number.
 ROUNDING = torch.finfo(torch.float64).eps
 
@@ -87,8 +89,10 @@ class Marginal:
         self.n = 2.0 * len(variance) * int(fitted.sum())
         self._log_variance = 2 * float(self.variance[:, fitted].log().sum())
         self.freedom, self.knowledge = freedom, knowledge
+        # 1 / √D of each number.
+        self._over = self.weight[..., None].expand(*self.weight.shape, 2).flatten()
         self._columns = Columns(nuisances, self.weight)
-        self.gram = self._columns.gram
+        self.gram = self._columns.gram(self.weight)
         n_response, n_reference = self._columns.n_response, self._columns.n_reference
         names: list[str] = []
         if nuisances is not None:
@@ -141,7 +145,8 @@ class Marginal:
         variance, found, fitted = self._given
         if found is None:
             return self
-        common = torch.cat([found.common, columns.to(found.common)], dim=-1)
+        more = real_columns(columns.unbind(-1), columns[..., 0]).to(found.common)
+        common = torch.cat([found.common, more], dim=-1)
         group = ((*found.group[0], *(name,) * columns.shape[-1]), *found.group[1:])
         found = found._replace(common=common, group=group)
         freedom = {**self.freedom, name: math.inf}
@@ -149,11 +154,11 @@ class Marginal:
 
     def along(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch n_nuisance"]:
         """Jᵀ r."""
-        return self._columns.along(residual)
+        return self._columns.along(residual * self._over)
 
     def across(self, value: Float[Tensor, "*batch n_nuisance"]) -> Float[Tensor, "*batch n_residual"]:
         """J ν."""
-        return self._columns.across(value)
+        return self._columns.across(value).mul_(self._over)
 
     def over_noise(self, off: Complex[Tensor, "*batch n_frequency n_response n_reference"]) -> Tensor:
         """Residuals over √D, as real numbers; zero where an FRF does not count."""
@@ -306,7 +311,13 @@ class Marginal:
         """(D + J S Jᵀ)^−½ of residuals over √D, with noise as large as was said."""
         if not len(self.group):
             return residual
-        return residual - self.across(self.along(residual) @ self._half)
+        rows = residual.reshape(-1, residual.shape[-1])
+        found = torch.empty_like(rows)
+        # Some rows at a time: what is taken off need not be held beside all of them.
+        for begin in range(0, len(rows), AT_ONCE):
+            some = rows[begin : begin + AT_ONCE]
+            found[begin : begin + AT_ONCE] = some - self.across(self.along(some) @ self._half)
+        return found.reshape(residual.shape)
 
     def hidden(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch"]:
         """What whitening takes off the sums of squares of residuals over √D."""
@@ -330,7 +341,7 @@ class Marginal:
     def power(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
         """Expected |y − H|², noise and nuisances as large as was said; 0 where an FRF does not count."""
         weight = self.weight.square()
-        return torch.where(weight > 0, (self._columns.power() + 2) / weight.clamp(min=1e-300), 0.0)
+        return torch.where(weight > 0, self._columns.power() + 2 / weight.clamp(min=1e-300), 0.0)
 
     def _root(self, scale: Float[Tensor, " n_group"]) -> Float[Tensor, " n_nuisance"]:
         return scale[self.group] if len(self.group) else scale
