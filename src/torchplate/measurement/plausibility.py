@@ -186,7 +186,7 @@ class _Box:
         below = float(self.frequency[:, : self.n_rigid].max()) if self.n_rigid else 0.0
         clear = np.array([one for one in _clear_peaks(measurement, self.limits.prominence) if one > 1.5 * turn * below])
         low, high = float(measurement.frequency[0]), float(measurement.frequency[-1])
-        moves = 0 < min(self.first[0], middle[0]) and math.isfinite(self.first[1])
+        moves = min(self.first[0], middle[0]) > 0 and math.isfinite(self.first[1])
         if not moves or not len(clear) or float(self._count(low, high, 1.0).min()) <= self.limits.share * len(clear):
             return
         # All natural frequencies of the box go about in proportion.
