@@ -315,8 +315,8 @@ def test_the_places_of_a_candidate_have_three_digits(tmp_path):
 def test_a_gap_in_the_table_of_scores_is_told_from_that_of_the_last_model(written):
     """53 % stood in the table beside 25 % in a sentence: a first refit of the effect, and where it ended."""
     page = written["explained"].page
-    scored = [caption for caption in page.captions if "before any refit" in caption or "later steps, beside" in caption]
+    scored = [one for one in page.captions if "before any refit" in one or "later steps, beside" in one]
     assert len(scored) == 2
-    for caption in scored:
-        assert "Gap at first refit: what the model with this effect leaves" in caption
-        assert "fitted to their end, stands above" in caption
+    for told in scored:
+        assert "Gap at first refit: what the model with this effect leaves" in told
+        assert "fitted to their end, stands above" in told
