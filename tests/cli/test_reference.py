@@ -1,13 +1,17 @@
 """The reference of the config: every key told, each example taken, unknown keys pointed there."""
 
+import re
+
 import pytest
 import yaml
 
 from torchplate.cli.config import InputError, read_config
 from torchplate.cli.main import main
 from torchplate.cli.schema import Config, Known, Unknown, model_in
+from torchplate.cli.schema.whole import SearchConfig
 from torchplate.cli.verbs.keys import REQUIRED, arguments_of, flow, sections
 from torchplate.nearest import nearest
+from torchplate.search import LeastSquaresStatus, Status
 
 SMALLEST = {"mesh": {"length_x": 0.4, "length_y": 0.3, "n_x": 4, "n_y": 3}, "effects": {"plate": {"effect": "plate"}}}
 MODELS = {"config": Config, "numbers": Known, "interval": Unknown} | {
@@ -91,3 +95,12 @@ def test_a_config_that_is_nearly_named_is_guessed(tmp_path):
 def test_capitals_hide_no_name():
     assert nearest("MESH", ["effects", "mesh"]) == "mesh"
     assert nearest("banana", ["effects", "mesh"]) is None
+
+
+@pytest.mark.parametrize("status", [*Status, *LeastSquaresStatus], ids=lambda one: f"{type(one).__name__}.{one.name}")
+def test_how_a_search_ended_names_the_keys_of_a_config_as_they_are_written(status):
+    """`n_generation` alone is no key: "Raise n_generation" was answered with another complaint."""
+    for key in ("n_generation", "n_evaluation", "stagnation", "target"):
+        if re.search(rf"\b{key}\b", status.value):
+            assert f"search.{key}" in status.value
+            assert key in SearchConfig.model_fields

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from torchplate.diagnosis.selection.null import drawn
-from torchplate.diagnosis.selection.products import Products, best_of_places
+from torchplate.diagnosis.selection.products import AT_ONCE, Products, best_of_places
 
 
 def random(*shape: int, seed: int) -> torch.Tensor:
@@ -41,3 +41,22 @@ def test_what_the_fitted_parameters_can_do_says_nothing_of_chance():
     places = torch.cat([known.mT, random(1, 40, seed=3)])
     found = Products(None, random(40, seed=4), known, draws, 40).of(places)
     assert torch.allclose(best_of_places(found), found.fall[2])
+
+
+def test_draws_are_whitened_a_few_at_a_time_and_come_out_as_all_at_once(lab, monkeypatch):
+    """Whitening takes several times the memory of what it whitens: of all draws of many FRFs that is gigabytes."""
+    marginal = lab.Scene(hidden={"gain": 1.0}).state.fit.marginal
+    n = int(marginal.n)
+    known, draws, change = torch.linalg.qr(random(n, 3, seed=3))[0], drawn(n, 0), random(5, n, seed=1)
+    left, asked = random(n, seed=4), []
+    whitened = Products.whitened
+    monkeypatch.setattr(Products, "whitened", lambda own, rows: (asked.append(len(rows)), whitened(own, rows))[1])
+    found = Products(marginal, left, known, draws, n).of(change)
+    # What is left and what the fitted parameters can do come first.
+    assert asked[0] == 1 + 3
+    assert sum(asked[1:]) == len(draws) > AT_ONCE
+    assert max(asked) <= AT_ONCE
+    monkeypatch.setattr("torchplate.diagnosis.selection.products.AT_ONCE", len(draws))
+    whole = Products(marginal, left, known, draws, n).of(change)
+    assert torch.allclose(found.fall, whole.fall, rtol=1e-9, atol=1e-12)
+    assert torch.equal(found.along, whole.along)

@@ -2,7 +2,9 @@
 
 import dataclasses
 import functools
+import gc
 import math
+import weakref
 
 import pytest
 import torch
@@ -36,13 +38,17 @@ def plate(mass: float | None = None, young: Searched | float = 2.1e11) -> PlateM
     return PlateModel(Mesh(0.55, 0.363, 8, 8), effects, known, searched)
 
 
-@functools.cache
-def weighed(mass: float, scatter: float, prior: bool = False) -> tuple[Weighed, Problem]:
-    """A mass beside a free plate, refitted to six frequencies that scatter; E known, or to 1 % beforehand."""
+def six_frequencies(mass: float, scatter: float) -> TableEvidence:
     truth = plate(mass).natural_frequencies(NOBODY, 9)[3:]
     noise = torch.randn(6, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     table = NaturalFrequencies(torch.arange(4, 10), truth * (1 + scatter * noise), scatter * truth)
-    evidence = TableEvidence.of(table, SETTINGS)
+    return TableEvidence.of(table, SETTINGS)
+
+
+@functools.cache
+def weighed(mass: float, scatter: float, prior: bool = False) -> tuple[Weighed, Problem]:
+    """A mass beside a free plate, refitted to six frequencies that scatter; E known, or to 1 % beforehand."""
+    evidence = six_frequencies(mass, scatter)
     model = plate(young=Searched(1.9e11, 2.3e11)) if prior else plate()
     told = {"plate.youngs_modulus": (2.1e11, 2.1e9)} if prior else {}
     plates = Plates(model, evidence, "given", SETTINGS, 1)
@@ -117,3 +123,33 @@ def test_a_refit_that_is_hopeless_after_its_first_steps_is_not_followed(monkeypa
         monkeypatch.setattr(refit, "_descended", lambda *told: went.append(told[-1]) or descended(*told))
         problem.minima(starts, hopeless=times * least)
     assert went == [SETTINGS.n_first, SETTINGS.n_iteration][:turns]
+
+
+@torch.no_grad()
+def test_no_basis_of_a_hypothesis_is_kept_beside_what_was_found(monkeypatch):
+    """A basis is as large as all elements in it, where these differ: those of all hypotheses were gigabytes."""
+    made: list[weakref.ref] = []
+    alive: list[int] = []
+    reduced = Plates.reduced
+
+    def counted(self: Plates, *given):
+        gc.collect()
+        alive.append(sum(one() is not None for one in made))
+        found = reduced(self, *given)
+        made.append(weakref.ref(found))
+        return found
+
+    plates = Plates(plate(), six_frequencies(0.15, 4e-3), "given", SETTINGS, 1)
+    bench = Comparing(plates, {}, SETTINGS, lambda _: None)
+    baseline, fitted = bench.baseline()
+    some = [one for one in visible(plates, baseline.theta) if one.name in ("point_mass", "thickness_taper")]
+    monkeypatch.setattr(Plates, "reduced", counted)
+    parts = [tried(plates, fitted, k, one, SETTINGS) for k, one in enumerate(some)]
+    found = [bench.refitted(single(fitted, one, SETTINGS)) for one in parts]
+    found += [bench.integrated(bench.rebuilt(one)) for one in found]
+    gc.collect()
+    assert len(made) >= 4 * len(parts) >= 8
+    # Beside the one that is made at most the one of the same candidate before its far members joined.
+    assert max(alive) <= 1
+    assert all(one() is None for one in made)
+    assert all(math.isfinite(one.evidence) for one in found)

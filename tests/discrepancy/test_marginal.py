@@ -26,7 +26,9 @@ def none(shape) -> SecondOrder:
 
 def marginal(seed=0, shape=SHAPE, size=1.0, fitted=None, freedom=None) -> Marginal:
     generator = torch.Generator().manual_seed(seed)
-    columns = [size * complex_normal(generator, *shape, k) for k in (2, 1, 2)]
+    columns = [
+        torch.view_as_real(size * complex_normal(generator, *shape, k)).movedim(-1, -2).contiguous() for k in (2, 1, 2)
+    ]
     group = (("a", "b"), ("a",), ("c", "d"))
     variance = 0.5 + torch.rand(shape, generator=generator, dtype=torch.float64)
     fitted = torch.ones(shape[1:], dtype=torch.bool) if fitted is None else fitted

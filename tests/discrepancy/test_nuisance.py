@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from torchplate.discrepancy.modal_change import _multiples
-from torchplate.discrepancy.nuisance import nuisances
+from torchplate.discrepancy.nuisance import Nuisances, nuisances
 from torchplate.discrepancy.wandering import UNIFORM, Wandering
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT, Imperfections
@@ -47,7 +47,13 @@ def plate(*searched: str, at=(2, 10, 61, 69), kind="accelerance") -> PlateModel:
 
 
 def found(imperfections=PERFECT, wandering=UNIFORM, mesh=0.0):
-    return nuisances(plate(), NOBODY, LINES, imperfections, wandering, torch.full_like(LINES, mesh))
+    return as_complex(nuisances(plate(), NOBODY, LINES, imperfections, wandering, torch.full_like(LINES, mesh)))
+
+
+def as_complex(one: Nuisances) -> Nuisances:
+    """Its columns as complex numbers, which FRFs are."""
+    names = ("common", "by_response", "by_reference")
+    return one._replace(**{name: torch.complex(*getattr(one, name).unbind(-2)) for name in names})
 
 
 def change(name: str) -> torch.Tensor:
@@ -124,7 +130,7 @@ def test_what_a_sensor_weighs_moves_with_it(axis):
     assert model.carried() == {"sensor": 1}
     std, step = 2e-3, 1e-5
     told = Imperfections(std, 0.0, 0.0, 0.0)
-    columns = nuisances(model, NOBODY, LINES, told, UNIFORM, torch.zeros_like(LINES))
+    columns = as_complex(nuisances(model, NOBODY, LINES, told, UNIFORM, torch.zeros_like(LINES)))
     moved = torch.zeros(2, 2, dtype=torch.float64)
     moved[1, axis] = step / SIDES[axis]
     still = torch.zeros(3, 2, dtype=torch.float64)

@@ -125,3 +125,19 @@ def test_plates_whose_air_is_another_part_of_their_mass_have_modes_of_their_own(
     theta = model.space.to_si(torch.rand(4, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(5)))
     # Ten times the tolerance of `reduce`: other members than it looked at.
     assert distance(small.frf(theta, LINES), model.frf(theta, LINES)) < 1e-3
+
+
+def test_the_air_in_a_basis_is_found_once_and_in_another_anew():
+    mesh = Mesh(0.5, 0.3, 6, 4)
+    model = build(mesh, ALUMINIUM, 1.2)
+    plan = model.plan(NONE)
+    assembly, added = model.assembly, plan.added[0]
+    whole = assembly.added_mass(added)
+    assert assembly.added_mass(added) is whole
+    basis = torch.linalg.qr(torch.randn(assembly.size, 5, generator=torch.Generator().manual_seed(1)).double())[0]
+    few = model.projected(basis).assembly
+    found = few.added_mass(added)
+    assert few.added_mass(added) is found
+    torch.testing.assert_close(found, basis.mT @ whole @ basis, rtol=1e-9, atol=1e-15)
+    few.basis = 2 * basis
+    torch.testing.assert_close(few.added_mass(added), 4 * found, rtol=1e-9, atol=1e-15)

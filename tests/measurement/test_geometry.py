@@ -109,3 +109,12 @@ def test_points_that_make_no_plate_are_refused(points, sides, words):
 def test_points_that_stick_out_of_the_given_sides_are_refused():
     with pytest.raises(MeasurementError, match=r"0\.3 m along x, got points 0\.42 m apart"):
         propose(grid(), sides=(0.3, 0.3), unit="m")
+
+
+@pytest.mark.parametrize(("reach", "said"), [(48.0, True), (480.0, False)])
+def test_coordinates_taken_in_millimetres_say_how_small_a_plate_that_makes(reach, said):
+    """Those of a plate of 48 cm in centimetres would be one of 48 mm."""
+    points = reach / 0.48 * np.array([(0.0, 0.0, 0.0), (0.48, 0.0, 0.0), (0.0, 0.3, 0.0), (0.48, 0.3, 0.0)])
+    text = propose(points).unit.text
+    assert ("one of 0.048 m is small" in text) == said
+    assert f"({reach / 100:g} or {0.0254 * reach:.3g} m)" in text

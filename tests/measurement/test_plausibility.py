@@ -1,5 +1,6 @@
 """What no value in the intervals mends is said before a search: frequencies, kind and level; what fits is not."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -205,3 +206,37 @@ def test_a_delay_and_a_turned_sensor_do_not_turn_time():
     right = measured()
     phase = torch.exp(-2j * torch.pi * right.frequency * 3e-4)[:, None, None]
     assert disagreements(plate(), replace(right, frf=-right.frf * phase)) == ()
+
+
+def over(measurement: Measurement, factor: float, low: float = 0.0, high: float = math.inf) -> Measurement:
+    """A part of the band, over an axis times a factor."""
+    kept = (measurement.frequency >= low) & (measurement.frequency <= high)
+    return replace(measurement, frequency=factor * measurement.frequency[kept], frf=measurement.frf[kept])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.3])
+@pytest.mark.parametrize("mesh", [RECTANGLE, SQUARE], ids=["rectangle", "square"])
+@pytest.mark.parametrize("band", [(5.0, 400.0), (60.0, 400.0)])
+def test_an_axis_in_rad_per_s_is_said_and_neither_level_nor_plate_is_blamed(mesh, noise, band):
+    (sentence,) = disagreements(plate(mesh), over(measured(mesh, noise=noise), 2 * math.pi, *band))
+    assert "looks like rad/s that are taken for Hz" in sentence
+    assert "Divide the frequencies by 2π" in sentence
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.05, 2.0, 4.0, 9.0, 1 / (2 * math.pi)])
+@pytest.mark.parametrize("band", [(5.0, 400.0), (60.0, 400.0), (5.0, 120.0)])
+def test_another_factor_of_the_axis_is_no_rad_per_s(factor, band):
+    """None of them is 2π times what the intervals of the modulus leave open, 0.87 to 1.2."""
+    for mesh in (RECTANGLE, SQUARE):
+        assert not any("rad/s" in one for one in disagreements(plate(mesh), over(measured(mesh), factor, *band)))
+
+
+def test_few_clear_peaks_of_a_damped_plate_are_no_rad_per_s():
+    """A model of many modes in the band, of which a few are seen: by chance some stand at 2π times the others."""
+    for seed in range(40):
+        generator = torch.Generator().manual_seed(seed)
+        centre = 300.0 * (2400.0 / 300.0) ** torch.rand(8, generator=generator, dtype=torch.float64)
+        frequency = torch.linspace(30.0, 2500.0, 2000, dtype=torch.float64)
+        frf = (1 / (centre.square() - frequency[:, None].square() + 0.01j * centre.square())).sum(-1)
+        whole = replace(measured(), frequency=frequency, frf=frf[:, None, None].expand(-1, 2, 3).contiguous())
+        assert not any("rad/s" in one for one in disagreements(plate(), whole))

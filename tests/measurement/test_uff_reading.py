@@ -423,3 +423,28 @@ def test_one_label_may_hold_motion_and_force(numerator, denominator, factor, rec
     measurement = read_measurement(path)
     np.testing.assert_allclose(measurement.frf[:, 0, 0].numpy(), factor * VALUES, rtol=SIX_DIGITS)
     assert measurement.notes == ()
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-8"])
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize(
+    ("numerator", "denominator", "factor"),
+    [((12, "mm/s²"), (13, "N"), 1e-3), ((8, "µm"), (13, "mN"), 1e-3), ((12, "m/s²/N"), (13, ""), 1.0)],
+)
+def test_units_read_right_in_whatever_encoding_the_header_is(
+    numerator, denominator, factor, binary, encoding, record_58, tmp_path
+):
+    """A byte that is no UTF-8 was a sign of an unknown label, and the level taken as SI."""
+    more = {}
+    if binary:
+        body = VALUES.astype("<c16").tobytes()
+        more = {"identity": f"    58b{1:6d}{2:6d}{11:12d}{len(body):12d}{0:6d}{0:6d}{0:12d}{0:12d}", "body": body}
+    values = [] if binary else text_lines([VALUES.real, VALUES.imag], [DOUBLE] * 2, 2)
+    words = {"numerator": numerator, "denominator": denominator, "text": "Prüfstand 3"}
+    content = record_58(values, n_point=5, **words, **more)
+    head, end, tail = content.partition(b"NONE                \n" * (not binary) or more["body"])
+    path = tmp_path / "words.uff"
+    path.write_bytes(head.decode().encode(encoding) + end + tail)
+    measurement = read_measurement(path)
+    np.testing.assert_allclose(measurement.frf[:, 0, 0].numpy(), factor * VALUES, rtol=1e-11)
+    assert not any("not known" in note for note in measurement.notes)

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from torchplate.effects import CATALOGUE, HystereticDamping, Plate, SupportSpring
-from torchplate.model import PlateModel, Searched
+from torchplate.model import PlateModel, Searched, ritz_basis
 from torchplate.plate import Mesh
 
 RECTANGLE = Mesh(0.7, 0.4, 5, 3)
@@ -356,3 +356,15 @@ class TestReplaced:
         # What was searched and is neither searched nor known has no value.
         with pytest.raises(ValueError, match=r"a value or an interval for 'plate\.youngs_modulus'"):
             model.replaced(searched={})
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+def test_the_state_of_a_model_is_its_numbers_and_no_matrix(plates, reduced) -> None:
+    """What follows from mesh and effects is made anew: a state would hold it for every parameter that is saved."""
+    model = plates.build(RECTANGLE, None, INTERVALS)
+    if reduced:
+        frequency = lines(plates, RECTANGLE)
+        theta = model.space.to_si(torch.full((1, len(INTERVALS)), 0.5, dtype=torch.float64))
+        model = model.projected(ritz_basis(model, theta, frequency, 0, 2.0))
+    assert len(dict(model.named_buffers())) > 10
+    assert set(model.state_dict()) == {"known", "space.low", "space.high", "space.logarithmic"}

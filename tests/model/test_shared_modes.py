@@ -337,3 +337,17 @@ def test_members_with_dampings_of_their_own_or_other_sections_share_no_modes_in_
     assert sharing_modes(small.with_damping_factors(torch.full((4,), 1.2, dtype=torch.float64))) is None
     bent = plates.build(mesh, {}, BOX | {"plate.poisson_ratio": Searched(0.25, 0.35)}, **options)
     assert sharing_modes(bent.projected(ritz_basis(bent, members(bent, 1), frequency, 0, 2.0))) is None
+
+
+def test_members_in_a_few_shared_modes_have_matrices_and_in_those_of_all_dofs_none(plates) -> None:
+    """Natural frequencies come from matrices in a few modes; all dofs' are as many numbers again as the modes."""
+    mesh = MESHES["rectangle"]
+    model, shared, _ = made(plates, mesh)
+    modes, whole = shared.shared_modes, shared.assembly.basis
+    assert whole.shape[1] == whole.shape[0]
+    few = whole[:, :40]
+    inside = model.projected(few, modes)
+    assert inside.assembly.uniform is not None
+    assert model.projected(few, modes, matrices=False).assembly.uniform is None
+    assert model.projected(whole, modes).assembly.uniform is None
+    assert model.projected(whole).assembly.uniform is not None

@@ -1,10 +1,12 @@
 """What no plate is is refused, what few are is said, with the unit that was meant; real plates pass without a word."""
 
+import math
+
 import pytest
 
-from torchplate.effects import HystereticDamping, Plate, PointMass
+from torchplate.effects import HystereticDamping, Plate, PointMass, SupportSpring
 from torchplate.model import PlateModel, Searched
-from torchplate.model.usual_ranges import impossible, plate_mass, unusual
+from torchplate.model.usual_ranges import coarse, impossible, plate_mass, unusual
 from torchplate.plate import Mesh
 
 STEEL = {"youngs_modulus": 2.0e11, "poisson_ratio": 0.3, "density": 7860.0, "thickness": 0.0027}
@@ -97,3 +99,31 @@ def test_silicone_rubber_is_possible_and_softer_things_are_not():
 def test_the_mass_is_that_of_the_bare_plate_over_the_whole_box():
     mass = plate_mass(plate(thickness=(0.002, 0.003), magnet=1.0))
     assert mass == pytest.approx((0.48 * 0.37 * 7860 * 0.002, 0.48 * 0.37 * 7860 * 0.003))
+
+
+def at(n_along_a_wave: float) -> float:
+    """Where elements of the plate above, 0.185 m along its shorter side, have so many along a bending wave [Hz]."""
+    rigidity = 2.0e11 * 0.0027**3 / (12 * (1 - 0.3**2))
+    wave = n_along_a_wave * 0.37 / 2
+    return 2 * math.pi / wave**2 * math.sqrt(rigidity / (7860.0 * 0.0027))
+
+
+@pytest.mark.parametrize(
+    ("n_along_a_wave", "said"), [(1.55, False), (1.5 + 1e-6, False), (1.5 - 1e-6, True), (1.45, True)]
+)
+def test_a_mesh_is_too_coarse_below_one_and_a_half_elements_along_a_bending_wave(n_along_a_wave, said):
+    found = coarse(plate(), at(n_along_a_wave))
+    assert len(found) == said
+    assert all("3 × 2 elements" in one and f"{n_along_a_wave:.2g} along" in one for one in found)
+
+
+def test_a_band_that_ends_at_0_hz_says_nothing_of_a_mesh():
+    assert coarse(plate(), 0.0) == ()
+
+
+@pytest.mark.parametrize(("stiffness", "said"), [(0.0, False), (1e-3, True), (2e3, False)])
+def test_springs_of_no_stiffness_hang_no_plate_on_long_wires(stiffness, said):
+    bare = plate()
+    known = bare.known_values | {"wires.stiffness": stiffness, "wires.viscous_damping": 0.0}
+    found = unusual(bare.replaced(effects=dict(bare.effects) | {"wires": SupportSpring(nodes=(1, 4))}, known=known))
+    assert ["swings" in one.sentence for one in found] == [True] * said

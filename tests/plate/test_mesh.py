@@ -229,3 +229,15 @@ def test_rows_are_made_anew_where_something_is_differentiated_by_the_place_or_ma
         seen = Mesh(0.7, 0.4, 6, 4)
         seen.deflection_at(place)
     assert not seen._known_deflection
+
+
+def test_a_rectangle_covers_of_each_element_what_lies_within_and_nothing_of_its_neighbours():
+    """An element beside it that shares its span along one side alone is not touched."""
+    over_x, over_y = ((torch.tensor(a).double(), torch.tensor(b).double()) for a, b in ((0.3, 0.7), (0.5, 0.9)))
+    of_x, of_y = (part.reshape(3, 5) for part in RECTANGLE.overlap(over_x, over_y))
+    # Fifths from 0.3 to 0.7, and thirds from 0.5 to 0.9.
+    along_x, along_y = torch.tensor([0.0, 0.5, 1.0, 0.5, 0.0]).double(), torch.tensor([0.0, 0.5, 0.7]).double()
+    touched = (along_x > 0) & (along_y[:, None] > 0)
+    assert int(touched.sum()) == 6
+    torch.testing.assert_close(of_x, torch.where(touched, along_x, 0.0))
+    torch.testing.assert_close(of_y, torch.where(touched, along_y[:, None], 0.0))

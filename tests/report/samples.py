@@ -187,6 +187,8 @@ class Page(HTMLParser):
     def handle_data(self, data):
         if self.block is None:
             return
+        # As it is read; where a line may break is asked elsewhere.
+        data = data.replace("\u00a0", " ")
         self.words += data
         if self.block in ("td", "th"):
             self.tables[-1][-1][-1] += data

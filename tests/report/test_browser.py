@@ -117,6 +117,41 @@ class TestEveryScreen:
         assert len(seen[width]["letters"]) > 200
 
 
+BROKEN = r"""
+JSON.stringify([...document.querySelectorAll('td, th, p, li, caption, figcaption')].flatMap(cell => {
+  const walk = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT), found = [];
+  while (walk.nextNode()) for (const seen of walk.currentNode.data.matchAll(/[−\d.]+\s(%|± [\d.]+)/g)) {
+    const range = document.createRange();
+    range.setStart(walk.currentNode, seen.index);
+    range.setEnd(walk.currentNode, seen.index + seen[0].length);
+    found.push(new Set([...range.getClientRects()].map(box => Math.round(box.top))).size);
+  }
+  return found;
+}))
+"""
+PLACED = """
+JSON.stringify([...document.querySelectorAll('.either')].flatMap(box => [...box.querySelectorAll('svg')]
+  .map(one => one.getBoundingClientRect()).filter(one => one.width > 0).map(one => [one.left, innerWidth - one.right])))
+"""
+LETTERS = LOOK.replace("JSON.stringify(", "JSON.stringify((").replace("\n})\n", "\n}).letters)\n")
+
+
+@pytest.mark.parametrize("width", [280, 360, 600, 768, 800, 832, 833])
+def test_on_every_narrow_screen_numbers_stay_whole_and_figures_are_legible_and_in_the_middle(shown, report, width):
+    """A wide figure on a screen a little wider than a tablet had letters of 9 px; a narrow one stood on the left."""
+    shown.look(width)
+    shown.open(report)
+    lines = json.loads(shown.value(BROKEN))
+    assert len(lines) > 60
+    assert set(lines) == {1}
+    placed = json.loads(shown.value(PLACED))
+    assert len(placed) == 3
+    if width <= 832:
+        assert all(abs(left - right) < 2 for left, right in placed)
+    if width >= 360:
+        assert min(json.loads(shown.value(LETTERS))) > 10
+
+
 def test_the_ground_follows_the_colours_that_the_reader_likes(shown, report):
     for scheme, colour in (("light", PAPER), ("dark", ON_DARK[PAPER])):
         shown.look(360, scheme)

@@ -199,7 +199,7 @@ def test_every_score_is_listed_by_its_drop_and_what_later_steps_rejected_too(wri
         assert row["what became of it"] == one.remark
         assert row["parallel to"] == "\n".join(one.twins)
         assert (
-            row["gap after a refit"] == "" if one.gap is None else percent(row["gap after a refit"]) == close(one.gap)
+            row["gap at first refit"] == "" if one.gap is None else percent(row["gap at first refit"]) == close(one.gap)
         )
     assert rows[0]["it would be"] == "x 0.2\nmass 0.05 kg"
     assert rows[2]["effect"] == "edge_spring, edge x1"
@@ -310,3 +310,13 @@ def test_the_places_of_a_candidate_have_three_digits(tmp_path):
     written = (tmp_path / "report.html").read_text()
     assert "[[[0.966, 0.908], any]]" in written
     assert "0.96560" not in written
+
+
+def test_a_gap_in_the_table_of_scores_is_told_from_that_of_the_last_model(written):
+    """53 % stood in the table beside 25 % in a sentence: a first refit of the effect, and where it ended."""
+    page = written["explained"].page
+    scored = [one for one in page.captions if "before any refit" in one or "later steps, beside" in one]
+    assert len(scored) == 2
+    for told in scored:
+        assert "Gap at first refit: what the model with this effect leaves" in told
+        assert "fitted to their end, stands above" in told

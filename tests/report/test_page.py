@@ -236,3 +236,14 @@ def test_every_figure_is_one_that_a_narrow_screen_holds_or_has_one_beside_it():
         narrow = [part for part in parts if part.screen != "wide"]
         assert narrow, name
         assert all(part.draw().get_figwidth() <= NARROW for part in narrow)
+
+
+def test_no_line_breaks_between_a_number_and_its_sign_or_its_error():
+    told = "0.3 %, −12.5 %, over 100 000 %, 0.0512 ± 0.00037 kg"
+    kept = "0.3\u00a0%, −12.5\u00a0%, over 100\u00a0000\u00a0%, 0.0512\u00a0±\u00a00.00037 kg"
+    blocks = [Table(told, ("a", "b>"), [(told, told)]), Paragraph(told), Listing([told])]
+    document = Document("t", told, "good", blocks, "")
+    found = page(document)
+    assert found.count(kept) == 6
+    assert "0.3 %" not in found.replace('aria-label="0.3 %', "")
+    assert "\u00a0" not in markdown(document)

@@ -26,6 +26,7 @@ from torchplate.diagnosis.change import PlateTest, what_changed
 from torchplate.diagnosis.flow import diagnose, line_step
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import (
+    FIRST_REFIT,
     ChannelGap,
     Diagnosis,
     Estimate,
@@ -43,6 +44,7 @@ from torchplate.diagnosis.table import fitted_table
 from torchplate.diagnosis.target import FrfTarget
 
 __all__ = [
+    "FIRST_REFIT",
     "SCHEMA",
     "SETTINGS",
     "ChannelGap",

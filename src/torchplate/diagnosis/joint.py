@@ -108,7 +108,7 @@ class Joint:
 
         def jacobian(whole: Float[Tensor, "*batch n_both"]) -> Float[Tensor, "*batch n_residual n_both"]:
             rows = [self._jacobian(row[:n], far * (row[n:] - 0.5), channels, level, marginal) for row in _rows(whole)]
-            return torch.stack([_times(one, n, far) for one in rows]).unflatten(0, whole.shape[:-1])
+            return _stacked([_times(one, n, far) for one in rows]).unflatten(0, whole.shape[:-1])
 
         start = torch.cat([position.clamp(0.0, 1.0), 0.5 + shift / far])[None]
 
@@ -351,7 +351,7 @@ class Joint:
         if target.gain_is_unknown:
             columns = columns * target.gain_of(problem.model, theta)
         if marginal is not None:
-            found = -marginal.whitened(marginal.over_noise(columns))
+            found = marginal.whitened(marginal.over_noise(columns)).neg_()
         else:
             found = target.residual(columns, level) - target.residual(torch.zeros_like(columns[:1]), level)
         self._before = found, prediction, marginal, level
@@ -363,5 +363,11 @@ def _rows(places: Float[Tensor, "*batch n"]) -> Float[Tensor, "n_row n"]:
 
 
 def _times(jacobian: Float[Tensor, "n_residual n_both"], n: int, factor: float) -> Float[Tensor, "n_residual n_both"]:
-    """The columns after the first n times a factor."""
-    return torch.cat([jacobian[:, :n], factor * jacobian[:, n:]], dim=-1)
+    """The columns after the first n times a factor, in place."""
+    jacobian[:, n:] *= factor
+    return jacobian
+
+
+def _stacked(rows: list[Tensor]) -> Tensor:
+    """Some rows beside each other; one alone is not copied."""
+    return rows[0][None] if len(rows) == 1 else torch.stack(rows)

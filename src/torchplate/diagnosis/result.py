@@ -6,7 +6,7 @@ The report, `diagnosis.json`, TensorBoard and `torchplate.diagnose` all read thi
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
@@ -209,6 +209,13 @@ class Location:
         }
 
 
+FIRST_REFIT: Final = (
+    "Gap at first refit: what the model with this effect leaves, fitted as far as it takes to rank the effects. What "
+    "the named ones leave together, fitted to their end, stands above."
+)
+"""Of `Scored.gap`, where people read it."""
+
+
 @dataclass(frozen=True)
 class Scored:
     """One line of the score table: an effect at its best place, before any refit.
@@ -219,7 +226,7 @@ class Scored:
         expected_drop: part of the squared misfit that it would take away, the fitted parameters projected out [-].
         expected_change: parameter → the value it would take.
         twins: names of effects whose signature is parallel to this one's.
-        gap: after a refit; None where none was made.
+        gap: after a first refit; None where none was made. See `FIRST_REFIT`.
         remark: what became of it: "named", "equivalent", "rejected: ...".
     """
 

@@ -12,7 +12,8 @@
   `second_order`: what such a change leaves out; `drive_point`: where a hit and a sensor are at one place;
   `wandering`: a plate whose section is not the same everywhere; `specimen`: the plate that was measured, as far as it
   is known how far it is off.
-- `marginal`: the likelihood with all that integrated out; `judged`: what it says of residuals.
+- `marginal`: the likelihood with all that integrated out; `columns`: products with what is integrated out; `judged`:
+  what it says of residuals.
 - `covariance`: from the Jacobian and the noise of every residual to standard errors and correlations.
 """
 

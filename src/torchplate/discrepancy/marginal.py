@@ -27,12 +27,15 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from torchplate.discrepancy.columns import Columns
 from torchplate.discrepancy.judged import Judged, Knowledge
-from torchplate.discrepancy.nuisance import Nuisances
+from torchplate.discrepancy.nuisance import Nuisances, real_columns
 from torchplate.discrepancy.specimen import Found, OfChannels
 
 # Fixed points are at rest where no scale changes by more than this part; and after so many turns in any case.
 AT_REST, N_TURN = 1e-3, 60
+# Rows that are whitened at a time.
+AT_ONCE = 16
 # Relative rounding of a number.
 ROUNDING = torch.finfo(torch.float64).eps
 
@@ -86,14 +89,11 @@ class Marginal:
         self.n = 2.0 * len(variance) * int(fitted.sum())
         self._log_variance = 2 * float(self.variance[:, fitted].log().sum())
         self.freedom, self.knowledge = freedom, knowledge
-        parts = (None, None, None) if nuisances is None else nuisances[:3]
-        common, own, other = (self._weighed(part) for part in parts)
-        n_line, n_response, n_reference = self.weight.shape
-        self._common = common.flatten(0, 3)  # [n, k]
-        # By channel: [n_channel, lines and the other channels, k].
-        self._own = own.movedim(1, 0).flatten(1, 3)
-        self._other = other.movedim(2, 0).flatten(1, 3)
-        self._shape = (n_line, n_response, n_reference, 2)
+        # 1 / √D of each number.
+        self._over = self.weight[..., None].expand(*self.weight.shape, 2).flatten()
+        self._columns = Columns(nuisances, self.weight)
+        self.gram = self._columns.gram(self.weight)
+        n_response, n_reference = self._columns.n_response, self._columns.n_reference
         names: list[str] = []
         if nuisances is not None:
             names += nuisances.group[0]
@@ -101,7 +101,7 @@ class Marginal:
             names += list(nuisances.group[2]) * n_reference
         self.names = tuple(dict.fromkeys(names))
         self.group = torch.tensor([self.names.index(name) for name in names], dtype=torch.int64)
-        k, k_own, k_other = common.shape[-1], own.shape[-1], other.shape[-1]
+        k, k_own, k_other = self._columns.n_common, self._columns.n_own, self._columns.n_other
         of_own = k + torch.arange(n_response * k_own).reshape(n_response, k_own)
         of_other = k + k_own * n_response + torch.arange(n_reference * k_other).reshape(n_reference, k_other)
         carried = {} if nuisances is None else nuisances.carried
@@ -109,7 +109,6 @@ class Marginal:
             # A response whose mass moves with it has its place among the common ones, all of x before all of y.
             of_own[index, :2] = begin + len(carried) * torch.arange(2)
         self._channel = (of_own, of_other)
-        self.gram = self._gram(own, other)
         scales = [self.scale.get(name, 1.0) for name in self.names]
         self._half = self._whitener(self._root(torch.tensor(scales, dtype=torch.float64)))
 
@@ -146,65 +145,20 @@ class Marginal:
         variance, found, fitted = self._given
         if found is None:
             return self
-        common = torch.cat([found.common, columns.to(found.common)], dim=-1)
+        more = real_columns(columns.unbind(-1), columns[..., 0]).to(found.common)
+        common = torch.cat([found.common, more], dim=-1)
         group = ((*found.group[0], *(name,) * columns.shape[-1]), *found.group[1:])
         found = found._replace(common=common, group=group)
         freedom = {**self.freedom, name: math.inf}
         return Marginal(variance, found, fitted, freedom, self.knowledge, self.scale, self.about, put_in=put_in)
 
-    def _weighed(self, columns: Complex[Tensor, "n_frequency n_response n_reference k"] | None) -> Tensor:
-        if columns is None:
-            return self.weight.new_zeros(*self.weight.shape, 2, 0)
-        return torch.view_as_real((columns * self.weight[..., None]).resolve_conj()).movedim(-1, -2)
-
-    def _gram(self, own: Tensor, other: Tensor) -> Float[Tensor, "n_nuisance n_nuisance"]:
-        """JᵀJ, block by block: a channel's own nuisances touch no other channel of its side."""
-        n_response, n_reference = len(self._own), len(self._other)
-        k, k_own, k_other = self._common.shape[-1], self._own.shape[-1], self._other.shape[-1]
-        size = k + n_response * k_own + n_reference * k_other
-        gram = self.weight.new_zeros(size, size)
-        gram[:k, :k] = self._common.mT @ self._common
-        whole = self._common.unflatten(0, self._shape)
-        by_response, by_reference = whole.movedim(1, 0).flatten(1, 3), whole.movedim(2, 0).flatten(1, 3)
-        first, second = k, k + n_response * k_own
-        gram[:k, first:second] = (by_response.mT @ self._own).movedim(1, 0).flatten(1)
-        gram[:k, second:] = (by_reference.mT @ self._other).movedim(1, 0).flatten(1)
-        if k_own:
-            own_blocks = self._own.mT @ self._own
-            gram[first:second, first:second] = torch.block_diag(*own_blocks)
-        if k_other:
-            gram[second:, second:] = torch.block_diag(*(self._other.mT @ self._other))
-        if k_own and k_other:
-            across = torch.einsum("fjrpa,fjrpb->jarb", own, other)
-            gram[first:second, second:] = across.flatten(2).flatten(0, 1)
-        return torch.triu(gram) + torch.triu(gram, 1).mT
-
     def along(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch n_nuisance"]:
         """Jᵀ r."""
-        n_row = residual.shape[:-1].numel()
-        whole, parts = residual.reshape(n_row, *self._shape), [residual @ self._common]
-        # Channel by channel one product for all rows: each channel's columns are read once.
-        for columns, side in ((self._own, 2), (self._other, 3)):
-            if columns.shape[-1]:
-                moved = whole.movedim(side, 0).flatten(2)
-                felt = (moved @ columns).movedim(0, 1).flatten(1)
-                parts.append(felt.reshape(*residual.shape[:-1], felt.shape[-1]))
-        return torch.cat(parts, dim=-1)
+        return self._columns.along(residual * self._over)
 
     def across(self, value: Float[Tensor, "*batch n_nuisance"]) -> Float[Tensor, "*batch n_residual"]:
         """J ν."""
-        k, k_own, k_other = self._common.shape[-1], self._own.shape[-1], self._other.shape[-1]
-        n_line, n_response, n_reference, _ = self._shape
-        common, own, other = value.split([k, n_response * k_own, n_reference * k_other], dim=-1)
-        n_row = value.shape[:-1].numel()
-        found = (common @ self._common.mT).reshape(n_row, *self._shape)
-        if k_own:
-            moved = own.reshape(n_row, n_response, k_own).movedim(1, 0) @ self._own.mT
-            found += moved.unflatten(-1, (n_line, n_reference, 2)).permute(1, 2, 0, 3, 4)
-        if k_other:
-            moved = other.reshape(n_row, n_reference, k_other).movedim(1, 0) @ self._other.mT
-            found += moved.unflatten(-1, (n_line, n_response, 2)).permute(1, 2, 3, 0, 4)
-        return found.reshape(*value.shape[:-1], self.weight.numel() * 2)
+        return self._columns.across(value).mul_(self._over)
 
     def over_noise(self, off: Complex[Tensor, "*batch n_frequency n_response n_reference"]) -> Tensor:
         """Residuals over √D, as real numbers; zero where an FRF does not count."""
@@ -225,7 +179,7 @@ class Marginal:
         """Of each nuisance, about which the residuals were taken."""
         value = self.weight.new_zeros(len(self.group))
         if self._put_in is not None:
-            n_common = self._common.shape[-1]
+            n_common = self._columns.n_common
             value[n_common - len(self._put_in) : n_common] = self._put_in.to(value)
         if self.about is not None:
             value[: self._n_off] = self.about.shift
@@ -284,14 +238,14 @@ class Marginal:
         step = torch.linalg.solve(precision + damping * torch.eye(len(step)).to(step), step)
         value = self._values.clone()
         value[at] += said[at] * step
-        n_common, n_put_in = self._common.shape[-1], 0 if self._put_in is None else len(self._put_in)
+        n_common, n_put_in = self._columns.n_common, 0 if self._put_in is None else len(self._put_in)
         return value[n_common - n_put_in : n_common], self._of_channels(value, said, inverse)
 
     @functools.cached_property
     def _is_put_in(self) -> Bool[Tensor, " n_nuisance"]:
         found = torch.zeros(len(self.group), dtype=torch.bool)
         if self._put_in is not None:
-            n_common = self._common.shape[-1]
+            n_common = self._columns.n_common
             found[n_common - len(self._put_in) : n_common] = True
         if self.about is not None and self.about.channels is not None:
             for index in self._channel:
@@ -357,7 +311,13 @@ class Marginal:
         """(D + J S Jᵀ)^−½ of residuals over √D, with noise as large as was said."""
         if not len(self.group):
             return residual
-        return residual - self.across(self.along(residual) @ self._half)
+        rows = residual.reshape(-1, residual.shape[-1])
+        found = torch.empty_like(rows)
+        # Some rows at a time: what is taken off need not be held beside all of them.
+        for begin in range(0, len(rows), AT_ONCE):
+            some = rows[begin : begin + AT_ONCE]
+            found[begin : begin + AT_ONCE] = some - self.across(self.along(some) @ self._half)
+        return found.reshape(residual.shape)
 
     def hidden(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch"]:
         """What whitening takes off the sums of squares of residuals over √D."""
@@ -380,13 +340,8 @@ class Marginal:
 
     def power(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
         """Expected |y − H|², noise and nuisances as large as was said; 0 where an FRF does not count."""
-        whole = self._common.square().sum(-1).reshape(self._shape)
-        whole = whole + self._own.square().sum(-1).reshape(self._shape[1], self._shape[0], *self._shape[2:]).movedim(
-            0, 1
-        )
-        other = self._other.square().sum(-1).reshape(self._shape[2], *self._shape[:2], 2).movedim(0, 2)
         weight = self.weight.square()
-        return torch.where(weight > 0, ((whole + other).sum(-1) + 2) / weight.clamp(min=1e-300), 0.0)
+        return torch.where(weight > 0, self._columns.power() + 2 / weight.clamp(min=1e-300), 0.0)
 
     def _root(self, scale: Float[Tensor, " n_group"]) -> Float[Tensor, " n_nuisance"]:
         return scale[self.group] if len(self.group) else scale

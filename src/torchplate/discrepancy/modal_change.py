@@ -208,9 +208,9 @@ def through_each(
             felt = times_real(fewer.flatten(0, 1), beside).unflatten(-1, (-1, fewer.shape[-1]))
             felt = more.after(felt.unflatten(0, fewer.shape[:2]).flatten(1, 2))
             felt = felt.unflatten(1, (fewer.shape[1], -1)).movedim(2, 0)
-            whole = multiple[:, None, None, None] * (factor[:, None, None] * felt)[which]
+            whole = (factor[:, None, None] * felt)[which].mul_(multiple[:, None, None, None])
         parts.append(whole)
-    change = -(parts[0] + parts[1])
+    change = parts[0].add_(parts[1]).neg_()
     return change.mT if swapped else change
 
 

@@ -11,7 +11,7 @@ Identification (2012), for what an analyser, its transducers and their mounting 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -38,9 +38,14 @@ from torchplate.measurement import Imperfections
 from torchplate.model import PlateModel, as_kind, laplace_lines, solve_modes
 from torchplate.plate import Plan
 
+# Numbers that are laid out at a time: 1 MiB of them.
+AT_ONCE = 2**17
+
 
 class Nuisances(NamedTuple):
     """Changes of the FRFs by one standard deviation each, and what the second order adds.
+
+    The changes are real and imaginary parts, as they are multiplied with: no second copy of them is needed.
 
     Attributes:
         common: of what all FRFs share.
@@ -58,9 +63,9 @@ class Nuisances(NamedTuple):
             common ones.
     """
 
-    common: Complex[Tensor, "n_frequency n_response n_reference n_common"]
-    by_response: Complex[Tensor, "n_frequency n_response n_reference n_own"]
-    by_reference: Complex[Tensor, "n_frequency n_response n_reference n_other"]
+    common: Float[Tensor, "n_frequency n_response n_reference 2 n_common"]
+    by_response: Float[Tensor, "n_frequency n_response n_reference 2 n_own"]
+    by_reference: Float[Tensor, "n_frequency n_response n_reference 2 n_other"]
     group: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
     second_order: SecondOrder
     n_off: int = 0
@@ -214,7 +219,7 @@ def nuisances(
         chain.reading,
         each,
     )
-    columns = [_stacked([change for _, change in part], reading) for part in (common, own, other)]
+    columns = [real_columns([change for _, change in part], reading) for part in (common, own, other)]
     names = [tuple(name for name, _ in part) for part in (common, own, other)]
     groups = (names[0], names[1], names[2])
     return Nuisances(
@@ -254,8 +259,10 @@ def specimen_columns(
     shape = modal.shape
     stiffness, mass = (shape.mT @ part @ shape for part in (specimens.stiffness, specimens.mass))
     changes = through_each(modal, stiffness, mass, to_reading.chain.laplace)
-    damped = _damped(modal, len(specimens.names) - len(changes), specimens.damping)
-    return to_reading(torch.cat([changes, damped])).movedim(0, -1)
+    found = to_reading(changes)
+    del changes
+    damped = to_reading(_damped(modal, len(specimens.names) - len(found), specimens.damping))
+    return torch.cat([found, damped]).movedim(0, -1)
 
 
 def place_std(imperfections: Imperfections, mesh: tuple[float, float]) -> float:
@@ -329,8 +336,10 @@ class _Reading(NamedTuple):
     kind: str
 
     def __call__(self, change: Tensor) -> Tensor:
-        zero = as_kind(torch.zeros_like(change), self.chain, self.kind)
-        return as_kind(change, self.chain, self.kind) - zero
+        found = as_kind(change, self.chain, self.kind)
+        if self.kind != "transmissibility":
+            return found
+        return found - as_kind(change.new_zeros(change.shape[-3:]), self.chain, self.kind)
 
 
 def _apart(
@@ -348,8 +357,23 @@ def _apart(
     return plan, reference, modal, _Reading(chain, kind)
 
 
-def _stacked(parts: list[Tensor], like: Tensor) -> Tensor:
-    return torch.stack(parts, dim=-1) if parts else like.new_zeros(*like.shape, 0)
+def real_columns(
+    parts: Sequence[Complex[Tensor, "n_frequency n_response n_reference"]],
+    like: Complex[Tensor, "n_frequency n_response n_reference"],
+) -> Float[Tensor, "n_frequency n_response n_reference 2 n_part"]:
+    """Some changes of the FRFs beside each other, real and imaginary parts.
+
+    Args:
+        parts: each change; with conjugate bits or without.
+        like: the FRFs, for where there is none.
+    """
+    found = like.real.new_zeros(*like.shape, 2, len(parts))
+    # Some lines at a time: what is written then stays in the processor's cache.
+    for lines in torch.arange(len(like)).split(max(1, AT_ONCE // max(1, found[:1].numel()))):
+        some = slice(int(lines[0]), int(lines[-1]) + 1)
+        for index, part in enumerate(parts):
+            found[some, ..., index] = torch.view_as_real(part[some].resolve_conj())
+    return found
 
 
 def _places_again(

@@ -19,6 +19,8 @@ SLACK: Final = 0.01
 """How far a point may lie off where it should be, over the longer side [-]; see `placement.OFF_PLATE`."""
 LARGE: Final = 10.0
 """A plate of more than this side is taken as one in millimetres [units of the file]."""
+SMALL: Final = 100.0
+"""A plate of less than this side in millimetres is more likely one in centimetres [units of the file]."""
 LEAST_FILL: Final = 0.25
 """Points that span less of the longer side tell no unit [-]."""
 TURNED: Final = 0.7
@@ -173,8 +175,11 @@ def _unit(
             share = f"the points then span {percent(fits[name], 2)} of the longer side"
             return name, Said(f"coordinates taken in {name}: {share}", name != "m")
     if float(max(np.abs(low).max(), np.abs(high).max())) > LARGE:
-        why = f"a plate of {reach:g} m is not likely; give --unit cm or --unit in if they are in one of these"
-        return "mm", Said(f"coordinates taken in mm: {why}", True)
+        small = f", one of {reach / 1e3:.3g} m is small" if reach < SMALL else ""
+        why = f"a plate of {reach:g} m is not likely"
+        others = f"{METRES['cm'] * reach:.3g} or {METRES['in'] * reach:.3g} m"
+        remedy = f"give --unit cm or --unit in if they are in one of these ({others})"
+        return "mm", Said(f"coordinates taken in mm: {why}{small}; {remedy}", True)
     return "m", Said("coordinates taken in m, as universal files have them", False)
 
 

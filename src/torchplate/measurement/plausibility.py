@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.sparse.linalg import ArpackNoConvergence
+from scipy.special import bdtrc
 from torch import Tensor
 
 from torchplate.measurement.measurement import SI_UNIT, Kind, Measurement
@@ -41,6 +42,9 @@ class Limits:
         prominence: of a clear peak over its flanks [dB], and half of it over the median level.
         share: a count of modes and one of peaks disagree beyond this ratio, and this many more. Peaks are missed at
             nodal lines and where modes overlap, and noise adds some.
+        width: how near a peak has to be to a natural frequency to be one of it [-]: a plate that is not quite the model
+            has its modes a per cent apart from the model's, all in proportion.
+        chance: with which peaks at random places may be as near to as many natural frequencies.
     """
 
     n_mode: int = 60
@@ -52,6 +56,8 @@ class Limits:
     slope: float = 0.3
     prominence: float = 12.0
     share: float = 4.0
+    width: float = 0.015
+    chance: float = 0.01
 
 
 LIMITS: Final = Limits()
@@ -93,7 +99,7 @@ def disagreements(
         if measurement is not None:
             if runs_backwards(measurement.to("cpu")):
                 found.append(f"{CONJUGATE[0].upper()}{CONJUGATE[1:]}. Write the complex conjugate of each.")
-            counts = list(box.of_counts(measurement))
+            counts = list(box.of_axis(measurement)) or list(box.of_counts(measurement))
             # A model whose frequencies are elsewhere says nothing of the level.
             found += counts or list(box.of_level(measurement.to(model.known.device), gain_is_unknown))
     return tuple(found)
@@ -169,6 +175,32 @@ class _Box:
                     f"{{{told}{', ...' * (len(number) > 3)}}}."
                 )
         return ""
+
+    def of_axis(self, measurement: Measurement) -> Iterator[str]:
+        """Where lines in rad/s are taken for Hz: peaks stand at 2π times the natural frequencies, and at none as it is.
+
+        At 2π times as high a band a plate has as many times as many modes, and some of them are near any peak: what
+        counts is how likely as many peaks at random places are as near.
+        """
+        turn, middle = 2 * math.pi, self.frequency[0, self.n_rigid :].cpu().numpy()
+        below = float(self.frequency[:, : self.n_rigid].max()) if self.n_rigid else 0.0
+        clear = np.array([one for one in _clear_peaks(measurement, self.limits.prominence) if one > 1.5 * turn * below])
+        low, high = float(measurement.frequency[0]), float(measurement.frequency[-1])
+        moves = min(self.first[0], middle[0]) > 0 and math.isfinite(self.first[1])
+        if not moves or not len(clear) or float(self._count(low, high, 1.0).min()) <= self.limits.share * len(clear):
+            return
+        # All natural frequencies of the box go about in proportion.
+        least, most = (math.log(one / middle[0]) for one in (0.95 * self.first[0], 1.05 * self.first[1]))
+        stretches = np.exp(np.arange(least, most, self.limits.width))
+        seen = [_nearby(clear, scale * middle, high, self.limits.width) for scale in (*(turn * stretches), *stretches)]
+        as_turned, as_it_is = (min(some) for some in (seen[: len(stretches)], seen[len(stretches) :]))
+        if as_turned[0] * len(stretches) < min(self.limits.chance, as_it_is[0]):
+            yield (
+                f"The frequency axis looks like rad/s that are taken for Hz: {as_turned[1]} of {len(clear)} clear "
+                f"peaks, the first at {clear[0]:.4g}, lie at 2π times natural frequencies of the model, whose first "
+                f"beyond rigid-body motion lies at {_span(*self.first)} Hz. Divide the frequencies by 2π; in a "
+                "universal file (dataset 58) the unit label rad/s of the axis does that."
+            )
 
     def of_counts(self, measurement: Measurement) -> Iterator[str]:
         low, high = float(measurement.frequency[0]), float(measurement.frequency[-1])
@@ -267,8 +299,8 @@ class _Box:
                 break
         else:
             what = (
-                f"Check its unit and calibration [{SI_UNIT[kind]}], and the plate's mass, which the model takes as "
-                f"{plate_mass(self.model)} kg"
+                f"Check its unit and calibration [{SI_UNIT[kind]}], that its lines are in Hz, and the plate's mass, "
+                f"which the model takes as {plate_mass(self.model)} kg"
             )
         return (
             f"The measured level is {factor:.3g} times the model's, whatever the values in the intervals. {what}; or "
@@ -337,6 +369,26 @@ def _clear_peaks(measurement: Measurement, prominence: float) -> list[float]:
     index = np.searchsorted(on_cpu.frequency.numpy(), found)
     over = decibel[index] - np.median(decibel) > prominence / 2
     return [frequency for frequency, kept in zip(found, over, strict=True) if kept]
+
+
+def _nearby(
+    peaks: Float[np.ndarray, " n_peak"], modes: Float[np.ndarray, " n_mode"], high: float, width: float
+) -> tuple[float, int]:
+    """How likely as many of some peaks are as near to modes by chance, and how many are.
+
+    Args:
+        peaks: ascending [Hz].
+        modes: ascending [Hz].
+        high: end of the band [Hz].
+        width: from where on a peak is near, relative [-].
+    """
+    inside = np.log(modes[(modes > peaks[0] / 1.1) & (modes < 1.1 * high)])
+    if not len(inside):
+        return 1.0, 0
+    n_near = int((np.abs(np.log(peaks)[:, None] - inside).min(-1) < width).sum())
+    gaps = np.diff(inside).clip(max=2 * width).sum() + 2 * width
+    covered = min(1.0, float(gaps / math.log(1.1 * high / (peaks[0] / 1.1))))
+    return float(bdtrc(n_near - 1, len(peaks), covered)) if n_near else 1.0, n_near
 
 
 def _kind_sentence(kind: Kind, order: int) -> str:

@@ -3,6 +3,7 @@
 Source: Universal File Format, University of Cincinnati SDRL. pyuff finds the datasets and reads their headers.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,10 @@ from torchplate.measurement.uff_values import ORDINATE, ValuesError, decode
 DIRECTION: Final = {0: "w", 1: "u", 2: "v", 3: "w", 4: "tx", 5: "ty", 6: "tz"}
 ALIGNED: Final = 0.99
 """Cosine between a measured direction and a global axis below which it is said to be turned away [-]: 8 degrees."""
+UNREAD: Final = "\ufffd"
+"""What stands where a byte is no character."""
+HEADER: Final = 4096
+"""More bytes than the header of any dataset has."""
 End = tuple[int, str]
 
 
@@ -153,7 +158,29 @@ def _read(file: Any, index: int, path: Path, *, header_only: bool = False) -> di
             f"{path}: expected dataset {int(file.get_set_types()[index])} at place {index + 1} of the file in the "
             "format's columns, got one that does not parse. Export it again, or remove that dataset."
         ) from error
-    return {key: plain(value) if isinstance(value, str) else value for key, value in dataset.items()}
+    text = {key: value for key, value in dataset.items() if isinstance(value, str)}
+    if any(UNREAD in value for value in text.values()):
+        header = _header_of(file, index, path)
+        text = {key: _as_written(value, header) for key, value in text.items()}
+    return dataset | {key: plain(value) for key, value in text.items()}
+
+
+def _header_of(file: Any, index: int, path: Path) -> str:
+    """The first lines of a dataset in the encoding of Western Windows, which holds Latin-1: ² and µ are one byte."""
+    start, end = (int(i) for i in file._block_ind[index])
+    with Path(path).open("rb") as stream:
+        stream.seek(start)
+        block = stream.read(min(end - start + 1, HEADER))
+    return block.decode("cp1252", errors="replace")
+
+
+def _as_written(text: str, header: str) -> str:
+    """Text that is not UTF-8, as pyuff takes it, as it stands in the file."""
+    if UNREAD not in text:
+        return text
+    pattern = "[^\x00-\x7f]{1,3}".join(re.escape(part) for part in text.split(UNREAD))
+    found = re.search(pattern, header)
+    return found.group() if found else text
 
 
 def _record(file: Any, index: int, path: Path, normal: int, turned: Mapping[int, np.ndarray]) -> Record:

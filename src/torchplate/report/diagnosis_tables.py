@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from torchplate.diagnosis import Diagnosis, Location, Named, Overlay, Scored, frac_by_channel
+from torchplate.diagnosis import FIRST_REFIT, Diagnosis, Location, Named, Overlay, Scored, frac_by_channel
 from torchplate.effects import CATALOGUE
 from torchplate.notation import drop, percent
 from torchplate.report.document import Block, Heading, Paragraph, Table
@@ -124,12 +124,12 @@ def considered(diagnosis: Diagnosis) -> Iterator[Block]:
         caption = (
             "Each effect of the catalogue at its best place, before any refit. Expected drop: the part of the squared "
             "misfit of the baseline that it would take away, less what the fitted parameters can do themselves; none "
-            "where it would add to it. Tables of later steps are in `diagnosis.json`."
+            "where it would add to it. " + FIRST_REFIT + " Tables of later steps are in `diagnosis.json`."
         )
         table = _ranked(diagnosis.scores[0])
         yield Table(
             caption,
-            ("effect", "expected drop>", "it would be", "parallel to", "gap after a refit>", "what became of it"),
+            ("effect", "expected drop>", "it would be", "parallel to", "gap at first refit>", "what became of it"),
             [_scored(row) for row in table],
             frozenset(index for index, row in enumerate(table) if row.remark.startswith("named")),
         )
@@ -140,8 +140,8 @@ def considered(diagnosis: Diagnosis) -> Iterator[Block]:
         if row.remark.startswith("rejected")
     ]
     if later:
-        caption = "Rejected in later steps, beside the effects that were in the model by then."
-        yield Table(caption, ("effect", "step>", "expected drop>", "gap after a refit>", "what became of it"), later)
+        caption = f"Rejected in later steps, beside the effects that were in the model by then. {FIRST_REFIT}"
+        yield Table(caption, ("effect", "step>", "expected drop>", "gap at first refit>", "what became of it"), later)
 
 
 def parameters(diagnosis: Diagnosis) -> Table:

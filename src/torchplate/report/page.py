@@ -123,7 +123,7 @@ def _table(table: Table) -> str:
 def _inline(text: str) -> str:
     """Text in HTML, with `code` and **bold**."""
     text = html.escape(text, quote=False)
-    # A number and its sign stay on one line.
-    text = re.sub(r"[\d.]+ %", r"<span class=whole>\g<0></span>", text)
+    # A number, its sign and its error stay on one line.
+    text = re.sub(r"(?<=\d) (?=%|000 %|± )|(?<=±) (?=\d)", "\u00a0", text)
     text = re.sub(r"`([^`]+)`", r"<code>\1</code>", text)
     return re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", text)

@@ -52,7 +52,6 @@ li::marker { color: var(--muted); }
 table { border-collapse: collapse; font-size: 0.9rem; line-height: 1.4; font-variant-numeric: tabular-nums; }
 caption { text-align: left; color: var(--muted); font-size: 0.9rem; padding-bottom: 0.4rem; }
 caption span { display: block; position: sticky; left: 0; max-width: min(46rem, calc(100vw - 2 * var(--side))); }
-.whole { white-space: nowrap; }
 th, td { text-align: left; vertical-align: top; padding: 0.32rem 1.2rem 0.32rem 0;
   border-bottom: 1px solid var(--rule); font-weight: inherit; }
 td:not(.number):not(.short), th[scope=row]:not(.short) { min-width: 11rem; }
@@ -77,9 +76,11 @@ figure { margin: 1.2rem 0; }
 @media (max-width: 48rem) {
   th, td { padding-right: 0.8rem; }
   caption span { width: calc(100vw - 2 * var(--side)); }
+}
+@media (max-width: 52rem) {
   .wide { display: none; }
   .narrow { display: block; }
-  .narrow svg { width: 100%; max-width: 27rem; }
+  .narrow svg { width: 100%; max-width: 27rem; margin: 0 auto; }
 }
 @media screen and (max-width: 50rem) {
   td, th, thead th, td.short, th.short { white-space: normal; min-width: 0 !important; }

@@ -137,7 +137,7 @@ def least_squares(
         rows = torch.nonzero(status == _RUNNING).flatten()
         if not len(rows):
             break
-        now, mu = here.at(rows), relative_damping()[rows]
+        now, mu = here.without_jacobian().at(rows), relative_damping()[rows]
         trial = here.position.clone()
         trial[rows] = _trial(now, scale[rows], mu)
         step = (trial[rows] - now.position).to(torch.float64)
@@ -158,8 +158,9 @@ def least_squares(
             n_jacobian[moving] += 1
             sound = there.is_number()
             taken[taken.clone()] = sound
-            moving, there = moving[sound], there.at(torch.nonzero(sound).flatten())
-            here.put(moving, there)
+            if not bool(sound.all()):
+                moving, there = moving[sound], there.at(torch.nonzero(sound).flatten())
+            here = here.moved(moving, there)
             scale[moving] = torch.maximum(scale[moving], there.column_norm)
 
         gain = torch.where(taken, fall / promised, 0.0)
@@ -224,7 +225,7 @@ class _Place(NamedTuple):
     @classmethod
     def of(cls, position: Tensor, residual: Tensor, jacobian: Tensor) -> "_Place":
         # Without numbers there is nothing to factor, and LAPACK need not see NaN.
-        joint = torch.cat((jacobian, residual.unsqueeze(-1)), dim=-1).nan_to_num(0.0, 0.0, 0.0)
+        joint = torch.cat((jacobian, residual.unsqueeze(-1)), dim=-1).nan_to_num_(0.0, 0.0, 0.0)
         factor = torch.linalg.qr(joint, mode="r").R
         return cls(
             position=position,
@@ -237,12 +238,18 @@ class _Place(NamedTuple):
             objective=0.5 * residual.square().sum(dim=-1),
         )
 
+    def without_jacobian(self) -> "_Place":
+        """A step is found from R alone; J is the largest of all."""
+        return self._replace(jacobian=self.jacobian[:, :0])
+
     def at(self, rows: Tensor) -> "_Place":
         return _Place(*(field[rows] for field in self))
 
-    def put(self, rows: Tensor, new: "_Place") -> None:
-        for field, value in zip(self, new, strict=True):
-            field[rows] = value
+    def moved(self, rows: Tensor, new: "_Place") -> "_Place":
+        """The same with some of the starts elsewhere."""
+        if len(rows) == len(self.position):
+            return new
+        return _Place(*(field.index_copy(0, rows, value) for field, value in zip(self, new, strict=True)))
 
     @property
     def residual_norm(self) -> Tensor:

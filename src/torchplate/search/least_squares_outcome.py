@@ -28,7 +28,8 @@ class LeastSquaresStatus(Enum):
     )
     budget = (
         "The budget is spent while the sum of squares still falls. "
-        "Raise n_iteration (n_generation in a config) or n_evaluation, or start nearer to the minimum."
+        "Raise n_iteration or n_evaluation (in a config search.n_generation, search.n_evaluation), or start nearer to "
+        "the minimum."
     )
     no_number = (
         "The residual or its jacobian is not a finite number at the start. "

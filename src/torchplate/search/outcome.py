@@ -20,17 +20,19 @@ class Status(Enum):
 
     budget = (
         "The budget is spent before the search has settled. "
-        "Raise n_generation or n_evaluation, or narrow the intervals."
+        "Raise n_generation or n_evaluation (in a config search.n_generation, search.n_evaluation), or narrow the "
+        "intervals."
     )
     tolerance = (
         "The members agree on the objective to within the tolerance. "
         "Repeat with another seed to see that this minimum is found again."
     )
     stagnation = (
-        "The best objective has not improved for as many generations as stagnation allows. "
+        "The best objective has not improved for as many generations as stagnation (in a config search.stagnation) "
+        "allows. "
         "Repeat with another seed or more members to see that this minimum is found again."
     )
-    target = "The target is reached. Lower it to go on."
+    target = "The target (in a config search.target) is reached. Lower it to go on."
     no_number = (
         "The objective has given no finite number anywhere. "
         "Evaluate it by hand at the middle of the unit cube and mend what makes it NaN or infinite."

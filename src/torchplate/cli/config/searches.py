@@ -52,7 +52,7 @@ def _check_least_squares(recipe: Recipe, settings: LeastSquares) -> None:
             raise recipe.error(
                 f"search.{key}",
                 f"Expected it left out with least_squares, whose starts stop one by one, got "
-                f"{getattr(search, key)}. Take it out; n_generation and n_evaluation limit the search.",
+                f"{getattr(search, key)}. Take it out; search.n_generation and search.n_evaluation limit the search.",
             )
     n_dimension = len(recipe.searched_names())
     least = settings.n_member * settings.price(n_dimension)

@@ -20,8 +20,8 @@ from torchplate.cli.machine.allocator import keep_freed_memory
 from torchplate.cli.machine.device import device_named
 from torchplate.cli.results.table import plain_table
 from torchplate.cli.verbs.diagnose_change import diagnose_change
+from torchplate.diagnosis import FIRST_REFIT, Diagnosis
 from torchplate.diagnosis import SCHEMA as OF_HYPOTHESES
-from torchplate.diagnosis import Diagnosis
 from torchplate.diagnosis import diagnose as find_missing
 from torchplate.discrepancy import ModalEvidence
 from torchplate.effects import options
@@ -201,7 +201,7 @@ def _say(console: Console, found: Diagnosis, folder: Path, words: Mapping[str, s
         f"  gap {percent(gap.baseline)} to {percent(gap.final)}{held}; noise floor {percent(gap.noise_floor)}"
     )
     if found.scores:
-        table = plain_table("effect", "expected drop", "gap after refit", "", whole=True)
+        table = plain_table("effect", "expected drop", "gap at first refit", "", whole=True)
         for row in found.scores[0]:
             table.add_row(
                 row.name,
@@ -210,6 +210,8 @@ def _say(console: Console, found: Diagnosis, folder: Path, words: Mapping[str, s
                 escape(row.remark),
             )
         console.print(table)
+        if any(row.gap is not None for row in found.scores[0]):
+            console.print(f"  {FIRST_REFIT}", style="dim", highlight=False)
     if found.field is not None:
         for sentence in found.field.sentences:
             console.print(f"  Field: {sentence}", highlight=False, markup=False)

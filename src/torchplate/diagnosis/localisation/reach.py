@@ -25,6 +25,8 @@ from torchplate.effects import SensorChain
 from torchplate.measurement import Measurement
 from torchplate.model import DERIVATIVE, PlateModel, laplace_lines, sensor_chain
 
+# Receptances that are held at a time: 64 MiB of them.
+AT_ONCE = 2**22
 # Turns of the fit of z, which comes to rest by itself: numerics.
 N_TURN = 12
 # Steps of the search around the best place, relative: numerics of a line search.
@@ -65,6 +67,12 @@ class Reach:
 
     def best(self, place: Float[Tensor, "n_place 2"]) -> tuple[Tensor, Tensor]:
         """For each line and place the best y, and the sum of squares Σ|α_jg α_gk|² that weighs it."""
+        channels = len(self.response) + len(self.reference)
+        n_at_once = max(1, AT_ONCE // (len(self.frequency) * channels))
+        parts = [self._best(some) for some in place.split(n_at_once)]
+        return torch.cat([y for y, _ in parts], dim=-1), torch.cat([size for _, size in parts], dim=-1)
+
+    def _best(self, place: Float[Tensor, "n_place 2"]) -> tuple[Tensor, Tensor]:
         # Receptances are symmetric: the places as responses serve both ends, in one call.
         ends = self._receptance(place, torch.cat([self.response, self.reference]))
         n = len(self.response)

@@ -59,7 +59,6 @@ class Plates:
         self.model = on_mesh(sprung, self._assembly)
         self.evidence = evidence
         self.n_evaluation = 0
-        self._bases: dict[tuple[int, ...], Tensor] = {}
         if mesh == "corrected":
             self.at(model.space.to_si(model.known.new_full((len(model.names),), 0.5)))
 
@@ -76,7 +75,6 @@ class Plates:
             error[:count] = found.error[:count].abs()
             left = self.settings.mesh_part * error[self.mode] + self.settings.mesh_least
             self.evidence = self.evidence.on_mesh(left * self.evidence.frequency)
-        self._bases.clear()
         n_mode = int(self.settings.basis_times * self.n_mode) + self.settings.basis_more
         self._modes = self._of(self.model, theta, n_mode).shape
 
