@@ -11,8 +11,9 @@ from torch import Tensor
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.catalogue import candidates, channels_of
 from torchplate.diagnosis.candidates.channels import rearrangements
-from torchplate.diagnosis.change.after import After, Ended, Hypothesis, Nuisances, as_the_specimen
+from torchplate.diagnosis.change.after import After, Ended, Nuisances
 from torchplate.diagnosis.change.changes import Change, allowed, grid, n_names, parameters_that_moved
+from torchplate.diagnosis.change.hypothesis import Hypothesis, as_the_specimen
 from torchplate.diagnosis.change.posterior import Choice, Weighed, chance, choose
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.problem import Problem
