@@ -94,8 +94,9 @@ class After(Hypotheses):
         for _ in range(self.reference.settings.n_turn - 1):
             # In a basis of where it has come to.
             values = dict(zip(names, best.fit.theta.tolist(), strict=True))
-            again = self._sharply(
-                self.hypothesis(changes, [values]), best.place, best.channels, best.drift, drifts=True
+            there = self.taken_off_at(changes, values)
+            again = there._sharply(
+                there.hypothesis(changes, [values]), best.place, best.channels, best.drift, drifts=True
             )
             moved = float((again.place - best.place).abs().max())
             fallen = best.fit.cost - again.fit.cost
