@@ -13,7 +13,7 @@ left of it is open.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import NamedTuple, TypeVar
 
 import torch
 from jaxtyping import Complex, Float
@@ -28,6 +28,7 @@ from torchplate.model import PlateModel, on_mesh, solve_modes
 from torchplate.plate import Assembly
 
 GROUP = "reference"
+Kind = TypeVar("Kind", bound="Hypotheses")
 
 
 class Hypothesis(NamedTuple):
@@ -80,7 +81,7 @@ class Hypotheses:
     own: tuple[str, ...]
     anew: Assembly | None = None
 
-    def taken_off_at(self, changes: Sequence[Change], values: Mapping[str, float]) -> Self:
+    def taken_off_at(self: Kind, changes: Sequence[Change], values: Mapping[str, float]) -> Kind:
         """The same with the mesh error of a plate with these changes; as it is, where none of them is of the section.
 
         Args:
