@@ -37,6 +37,7 @@ SHIFT = torch.randn(12, generator=GENERATOR, dtype=torch.float64)
 SPREAD = torch.eye(12, dtype=torch.float64)
 
 
+PATCH = {"patch.x": 0.3, "patch.y": 0.64, "patch.size": 0.35, "patch.factor": 0.4}
 # Dashpots of the wires couple modes, which the nuisances leave out: here they hardly do.
 SMOOTH = {"wires.viscous_damping": 0.02}
 
@@ -48,6 +49,8 @@ def plate(**changed: float) -> PlateModel:
         "loss": CATALOGUE["hysteretic_damping"](),
         "grain": CATALOGUE["orthotropy"](),
     }
+    if "patch.x" in changed:
+        effects["patch"] = CATALOGUE["stiffness_loss"]()
     return PlateModel(Mesh(0.48, 0.4, 8, 7), effects, KNOWN | changed, {}, [3, 17], [7, 9, 21], "accelerance")
 
 
@@ -72,9 +75,10 @@ def test_a_grain_that_is_found_is_orthotropy():
     assert float((found / plain - 1).abs().max()) > 3e-3
 
 
+@pytest.mark.parametrize("patch", [{}, PATCH], ids=["sound", "patched"])
 @pytest.mark.parametrize("name", ["thickness", "modulus"])
-def test_a_section_that_wanders_is_that_of_elements_that_differ(name):
-    model = plate()
+def test_a_section_that_wanders_is_that_of_elements_that_differ(name, patch):
+    model = plate(**patch)
     plan, shift = model.plan(NOBODY), only(name)
     place = model.mesh.element_place
     field = torch.zeros(len(place), dtype=torch.float64)

@@ -60,24 +60,34 @@ class ModelBuilder:
         """A model on the working mesh, in all dofs."""
         return on_mesh(model, self._assembly)
 
-    def corrected(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Extrapolated:
+    def corrected(self, model: PlateModel, theta: Float[Tensor, " n_parameter"], anew: bool = False) -> Extrapolated:
         """A model whose mesh error is taken off, and natural frequencies with their relative errors.
 
         What the stiffness of a plate lacks on a mesh goes with its rigidity, whatever is attached to it: it is found
-        once. Edges that are held on springs are another matter.
+        once. Edges that are held on springs are another matter, and so is a section that differs from place to place.
+
+        Args:
+            model: in all dofs.
+            theta: its searched parameters.
+            anew: of this very model, which others are not to share.
         """
         plain = on_mesh(model, self._assembly)
         if self.as_given:
             nothing = theta.new_zeros(0)
             return Extrapolated(plain, nothing, nothing)
+        if anew:
+            return self._extrapolated(plain, theta)
         if self.held or not self._known:
-            if self._finer is None:
-                finer = dataclasses.replace(self.mesh, refine=2 * self.mesh.refine)
-                self._finer = Assembly(finer, dense=False).to(model.known)
-            modes = self.target.settings.meshes.corrected
-            self._known[:] = [extrapolate(plain, self.top or None, theta, self._finer, modes)]
+            self._known[:] = [self._extrapolated(plain, theta)]
         found = self._known[0]
         return found._replace(model=on_mesh(plain, found.model.assembly))
+
+    def _extrapolated(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Extrapolated:
+        """From the working mesh and the one twice as fine."""
+        if self._finer is None:
+            finer = dataclasses.replace(self.mesh, refine=2 * self.mesh.refine)
+            self._finer = Assembly(finer, dense=False).to(model.known)
+        return extrapolate(model, self.top or None, theta, self._finer, self.target.settings.meshes.corrected)
 
     def finished(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> PlateModel:
         """A model with its searched parameters at these values, and what did not yield held as in the given one."""

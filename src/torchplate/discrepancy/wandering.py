@@ -46,24 +46,25 @@ class Term(NamedTuple):
     Attributes:
         name: of its group.
         stiffness: of each element, over that of `coefficient`.
-        coefficient: what each stiffness pattern is times.
+        coefficient: what each stiffness pattern is times, in each element or in all of them.
         mass: more of each element, relative; None where there is none.
     """
 
     name: str
     stiffness: Float[Tensor, " n_element"]
-    coefficient: Float[Tensor, " 6"]
+    coefficient: Float[Tensor, "#n_element 6"]
     mass: Float[Tensor, " n_element"] | None
 
 
 def terms(model: PlateModel, plan: Plan, wandering: Wandering) -> list[Term]:
     """All of them.
 
-    What wanders is the plate around its mean section: patches of other stiffness in it count as the rest does.
+    What wanders is the plate with all that is in it: a patch that lost a half of the rigidity lost a half of what the
+    thickness there adds to it, and everywhere else the plate wanders as it did without one.
     """
     section, place = plan.section, model.mesh.element_place.to(model.known)
-    rigidity = section.rigidity.mean(-3)[None]
-    coefficient = model.assembly.stiffness_coefficient(rigidity, plan.geometry)[0]
+    rigidity = section.rigidity
+    coefficient = model.assembly.stiffness_coefficient(rigidity, plan.geometry)
     shapes = [
         (math.pi * p * place[:, 0]).cos() * (math.pi * q * place[:, 1]).cos()
         for total in range(1, wandering.order + 1)
@@ -84,8 +85,7 @@ def terms(model: PlateModel, plan: Plan, wandering: Wandering) -> list[Term]:
             section._replace(young_ratio=section.young_ratio * (1 + STEP)),
             section._replace(shear_factor=section.shear_factor * (1 + STEP)),
         ):
-            change = (changed.rigidity.mean(-3)[None] - rigidity) / STEP
-            other = model.assembly.stiffness_coefficient(change, plan.geometry)[0]
+            other = model.assembly.stiffness_coefficient((changed.rigidity - rigidity) / STEP, plan.geometry)
             found.append(Term("grain", everywhere, other, None))
     return found
 
@@ -107,12 +107,14 @@ class Elements:
         self._heavy = heavy * (model.assembly.mass_pattern.to(rows) @ self._rows).flatten(0, 1)
         self._turned: dict[int, tuple[Tensor, Tensor]] = {}
 
-    def stiffness(self, weight: Float[Tensor, " n_element"], coefficient: Float[Tensor, " 6"]) -> Float[Tensor, "k k"]:
+    def stiffness(
+        self, weight: Float[Tensor, " n_element"], coefficient: Float[Tensor, "#n_element 6"]
+    ) -> Float[Tensor, "k k"]:
         """What elements of so many times these coefficients add."""
-        # An element's matrix is the same everywhere: it takes the place of one of the two rows.
+        # What the terms share is found once: an element's matrix takes the place of one of the two rows.
         known = self._turned.get(id(coefficient))
         if known is None:
-            turned = torch.einsum("k,kpq->pq", coefficient, self._assembly.pattern.to(self._rows)) @ self._rows
+            turned = torch.einsum("ek,kpq->epq", coefficient, self._assembly.pattern.to(self._rows)) @ self._rows
             known = self._turned[id(coefficient)] = (coefficient, turned.flatten(0, 1))
         return self._weighed(weight).mT @ known[1]
 

@@ -1,10 +1,5 @@
 """The test after: fits of what may have changed, all else as the reference says.
 
-With q what the reference has told, parameters and specimen, q̂ its mean and R Rᵀ its covariance, the FRFs of the next
-test are H(q̂, p) + ∂H/∂q R ξ + nuisances of that test + noise, ξ ~ N(0, I): the reference is one more group of nuisances
-whose size is known, about the very model; so is what the modes' shapes leave open of what p does. p is what changed,
-and what has a value of its own in each test.
-
 A drift of a part of a peak's width is not linear, and what a linear one leaves looks like a change. The drift is taken
 about where it is most probable, with what the channels have of their own, beside each hypothesis and beside none.
 
@@ -21,122 +16,19 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.change.changes import Change
+from torchplate.diagnosis.change.hypothesis import Hypotheses, Hypothesis
 from torchplate.diagnosis.change.images import images
-from torchplate.diagnosis.change.reference import Reference, all_columns, eigenvalues
-from torchplate.diagnosis.change.specimen import ReferenceSpecimens
+from torchplate.diagnosis.change.reference import Reference
 from torchplate.diagnosis.judged import Beside, Fit, judged_beside
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Problem, widely
-from torchplate.discrepancy import Found, Marginal, OfChannels
-from torchplate.model import PlateModel, on_mesh
-
-GROUP = "reference"
-
-
-class Hypothesis(NamedTuple):
-    """A model with what may have changed in it, in a basis.
-
-    Attributes:
-        whole: in all dofs, mesh error taken off; what the reference has told is searched too.
-        frozen: in all dofs, that as numbers.
-        specimens: of the reference, in the basis.
-        reduced: `frozen` in the basis, as the specimen that was found.
-        mean: the same without drift.
-        told: parameters that the reference has told.
-        half: R.
-        n_drift: its last columns, which are the drift.
-        changed: whether anything has.
-        about: what the channels have of their own in this test, about which it is; None for nothing.
-        drift: since the reference, about which it is, in standard deviations; None for none.
-    """
-
-    whole: PlateModel
-    frozen: PlateModel
-    specimens: ReferenceSpecimens
-    reduced: PlateModel
-    mean: PlateModel
-    told: list[str]
-    half: Float[Tensor, "n_all k"]
-    n_drift: int
-    changed: bool
-    about: Found | None = None
-    drift: Float[Tensor, " n_drift"] | None = None
+from torchplate.discrepancy import Marginal, OfChannels
+from torchplate.model import PlateModel
 
 
 @dataclass(frozen=True, eq=False)
-class After:
-    """The test after.
-
-    Attributes:
-        builder: of its model, against it.
-        model: its model with its mesh error taken off, all parameters searched that the config searches.
-        reference: what the one before has told, with the drift.
-        own: parameters with a value of their own in each test.
-    """
-
-    builder: ModelBuilder
-    model: PlateModel
-    reference: Reference
-    own: tuple[str, ...]
-
-    def hypothesis(
-        self, changes: Sequence[Change], values: Sequence[Mapping[str, float]] = (), by_element: bool | None = None
-    ) -> Hypothesis:
-        """A model with some changes in it.
-
-        Args:
-            changes: in the order they were found.
-            values: of their parameters, members whose modes join the basis.
-            by_element: whether elements will differ.
-        """
-        whole = self.model
-        for change in changes:
-            whole = change.applied(whole)
-        free = [name for change in changes for name in change.frees(whole.names)]
-        told, half = self.reference.half([*free, *self.own])
-        numbers = {name: self.reference.values[name] for name in told if name in whole.names}
-        searched = {name: one for name, one in whole.searched.items() if name not in numbers}
-        frozen = whole.replaced(known=whole.known_values | numbers, searched=searched)
-        start = {name: 0.5 * (one.low + one.high) for name, one in whole.searched.items()}
-        start |= {name: value for name, value in self.reference.values.items() if name in start}
-        members = [start | dict(one) for one in values] or [start]
-        theta = torch.tensor([[one[name] for name in frozen.names] for one in members]).to(frozen.known)
-        plain = self.builder.reduced(frozen, theta, by_element)
-        specimens = self.reference.specimens(plain, theta[0])
-        reduced = specimens.at(self.reference.shift)
-        known = [name for name in told if name in whole.names]
-        if len(known) < len(told):
-            # A number in the config of this test.
-            rows = [told.index(name) for name in known] + list(range(len(told), len(half)))
-            half = half[rows]
-        return Hypothesis(
-            whole, frozen, specimens, reduced, reduced, known, half, self.reference.drift.shape[1], bool(changes)
-        )
-
-    def marginal(self, one: Hypothesis, theta: Float[Tensor, " n"]) -> Marginal:
-        """Noise and nuisances of this test, and what the reference leaves open, beside a member."""
-        target = self.builder.target
-        plain = target.marginal(one.reduced, theta, one.about, specimen=False)
-        model = as_the_specimen(one.whole, one.reduced)
-        values = {**one.reduced.as_dict(theta)}
-        everything = torch.tensor([values[name] for name in model.names]).to(theta)
-        columns = all_columns(self.builder, model, one.specimens, everything, one.told)
-        known = columns @ one.half.to(columns)
-        if one.changed:
-            known = torch.cat([self._shapes(one, theta, columns), known], dim=-1)
-        return plain.beside(known, GROUP, one.drift)
-
-    def _shapes(
-        self, one: Hypothesis, theta: Float[Tensor, " n"], columns: Complex[Tensor, "n_f n_response n_reference n_all"]
-    ) -> Complex[Tensor, "n_f n_response n_reference n_mode"]:
-        """What a change does to each mode is as uncertain as the mode's shape is."""
-        reference = self.reference
-        before, n_mode = reference.eigenvalue, len(reference.eigenvalue)
-        after = eigenvalues(one.mean, theta)[:n_mode]
-        moved = 0.5 * (after.clamp(min=1.0) / before.clamp(min=1.0)).log()
-        settings, first = reference.settings, len(one.told) + reference.n_section
-        std = settings.shape * reference.missed * moved.abs() / settings.mode_stiffness
-        return columns[..., first : first + n_mode] * std.to(columns)
+class After(Hypotheses):
+    """The test after: hypotheses of what may have changed, fitted to it."""
 
     def down(
         self, changes: Sequence[Change], starts: Sequence[Mapping[str, float]]
@@ -166,26 +58,6 @@ class After:
                 kept.append(k)
         rows = one.frozen.space.to_si(places[kept[:n_best]]).tolist()
         return tuple(dict(zip(one.frozen.names, row, strict=True)) for row in rows), float(left[kept[0]])
-
-    def moved(
-        self, one: Hypothesis, channels: OfChannels | None, drift: Float[Tensor, " n_drift"] | None = None
-    ) -> Hypothesis:
-        """The same with sensors and hits where they were found, and the plate drifted as it was.
-
-        Args:
-            one: the hypothesis.
-            channels: what each has of its own; None for nothing.
-            drift: since the reference, in standard deviations; None for none.
-        """
-        if channels is None and drift is None:
-            return one
-        about, shift = None, self.reference.shift
-        if channels is not None:
-            nothing = one.frozen.known.new_zeros(0)
-            about = Found(nothing, nothing[:, None], channels)
-        if drift is not None:
-            shift = shift + (one.half[:, -len(drift) :] @ drift)[-len(shift) :]
-        return one._replace(reduced=one.specimens.at(shift, channels), about=about, drift=drift)
 
     def fit(
         self,
@@ -222,8 +94,9 @@ class After:
         for _ in range(self.reference.settings.n_turn - 1):
             # In a basis of where it has come to.
             values = dict(zip(names, best.fit.theta.tolist(), strict=True))
-            again = self._sharply(
-                self.hypothesis(changes, [values]), best.place, best.channels, best.drift, drifts=True
+            there = self.taken_off_at(changes, values)
+            again = there._sharply(
+                there.hypothesis(changes, [values]), best.place, best.channels, best.drift, drifts=True
             )
             moved = float((again.place - best.place).abs().max())
             fallen = best.fit.cost - again.fit.cost
@@ -438,13 +311,6 @@ def from_each_other(channels: OfChannels) -> OfChannels:
             values[seen, at] -= values[seen, at].mean()
             found[side] = values
     return channels._replace(**found)
-
-
-def as_the_specimen(model: PlateModel, specimen: PlateModel) -> PlateModel:
-    """A model in a specimen's basis, its dampings, sensors and hits as that one's are."""
-    found = on_mesh(model, specimen.assembly).with_damping_factors(specimen.damping_factor)
-    off = specimen.off_marks
-    return found if off is None else found.with_places_off(off.response, off.reference)
 
 
 def _place(model: PlateModel, start: Mapping[str, float], values: Mapping[str, float]) -> Float[Tensor, " n"]:

@@ -47,6 +47,17 @@ class Change:
         known = {key: value for key, value in model.known_values.items() if key != self.name}
         return model.replaced(known=known, searched=model.searched | {self.name: self.interval})
 
+    def is_of_the_section(self, model: PlateModel) -> bool:
+        """Whether the plate itself is another one where it bends: what a mesh leaves of it is another error then.
+
+        A plate that is stiffer, thicker or heavier everywhere lacks on a mesh what it did, in proportion.
+
+        Args:
+            model: without it.
+        """
+        effect = model.effects[self.label] if self.candidate is None else self.candidate.effect
+        return "section" in effect.acts_on and effect.moves_natural_frequencies() and effect.name != "plate"
+
     def frees(self, names: Sequence[str]) -> list[str]:
         """Parameters that the reference says nothing of any more."""
         if self.candidate is None:

@@ -18,6 +18,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.selection.criterion import is_explained
+from torchplate.diagnosis.settings import Fineness
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.tolerance import with_tolerances
 from torchplate.discrepancy import place_std
@@ -97,6 +98,11 @@ def what_changed(
         state = further
         if is_explained(state.fit, comparing.after.builder.target):
             break
+    if not as_given and any(change.is_of_the_section(comparing.after.model) for change in state.changes):
+        say("settling on a finer mesh")
+        fineness = comparing.after.builder.target.settings.meshes.settling
+        finer, _ = comparing_of(reference, after, own, seed, lambda _: None, settings, as_given, fineness)
+        state = comparing.settled(state, finer)
     return summarise(comparing, none, state, (reference, after), noise, time.monotonic() - began)
 
 
@@ -108,14 +114,18 @@ def comparing_of(
     say: Callable[[str], object],
     settings: ChangeSettings,
     as_given: bool,
+    fineness: Fineness | None = None,
 ) -> tuple[Comparing, Noise]:
-    """What looks for changes beside a fitted reference, and the noise of the test after; see `what_changed`."""
+    """What looks for changes beside a fitted reference, and the noise of the test after; see `what_changed`.
+
+    With a fineness it is on another mesh than that where effects are looked for.
+    """
     say(f"reference {reference.name}".rstrip())
-    before, prior, _ = _begun(reference, seed, as_given)
+    before, prior, _ = _begun(reference, seed, as_given, fineness)
     common = before.given.searched
     told = fit_reference(before, prior, settings)
     say(f"reference: misfit {told.fit.reduced_misfit:.3g}, beside modes of their own noise × {told.noise_scale:.3g}")
-    builder, numbers, noise = _begun(after, seed, as_given, common)
+    builder, numbers, noise = _begun(after, seed, as_given, fineness, common)
     meshes = [(*one.mesh.cells, one.mesh.length_x, one.mesh.length_y) for one in (before, builder)]
     if meshes[0] != meshes[1]:
         raise ValueError(
@@ -139,7 +149,11 @@ def _told(mesh: tuple[int, int, float, float]) -> str:
 
 
 def _begun(
-    test: PlateTest, seed: int, as_given: bool, common: Mapping[str, Searched] | None = None
+    test: PlateTest,
+    seed: int,
+    as_given: bool,
+    fineness: Fineness | None,
+    common: Mapping[str, Searched] | None = None,
 ) -> tuple[ModelBuilder, Prior, Noise]:
     """A builder against a test, what is known of its parameters, and its noise; common intervals are another test's."""
     measurement = test.measurement
@@ -154,7 +168,7 @@ def _begun(
     shared = {name: one for name, one in (common or {}).items() if name in given.names}
     if shared:
         given = given.replaced(searched=given.searched | shared)
-    builder = ModelBuilder(given, target, as_given)
+    builder = ModelBuilder(given, target, as_given, fineness)
     middle = builder.given.space.to_si(given.known.new_full((len(given.names),), 0.5))
     if not as_given:
         return builder.expecting(builder.corrected(builder.given, middle)), prior, noise

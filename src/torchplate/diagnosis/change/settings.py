@@ -16,6 +16,12 @@ class ChangeSettings:
         shape: relative error of what a change does to a mode, over how far the model misses the modes [-]. A stiffness
             that is off by 2b of a mode's mixes it with a neighbour Δλ away by 2b λ/Δλ, and what a change does there
             goes with the square of the deflection: 4b λ/Δλ, and neighbours are about one eigenvalue away.
+        mesh: of what two meshes say differently of a mode's frequency once a section has changed, the part that is left
+            when it is taken off [-]. Richardson takes an error for one of h². At the corners of a patch moments are
+            singular, and it goes with an order between 1 and 2: for h he takes off 4/3 of a difference of which 2 are
+            missing. What is left is anything from nothing to a half of what was taken off, 1/√12 in the mean square.
+        near: modes that are this close, relative to the higher eigenvalue, turn into each other by what is left [-]:
+            others by less than five times the part that it moves them.
         drift_all: of ln f of all modes alike from test to test [-]: two kelvin in a metal, d ln f / dT = -2.4e-4.
         drift_mode: of each mode's own ln f from test to test [-]: cables, and a plate hung up again.
         drift_damping: of each mode's ln damping from test to test [-], likewise.
@@ -36,6 +42,8 @@ class ChangeSettings:
     mode_stiffness: float = 0.05
     mode_damping: float = 0.5
     shape: float = 5.0
+    mesh: float = 12**-0.5
+    near: float = 0.2
     drift_all: float = 5e-4
     drift_mode: float = 2e-4
     drift_damping: float = 0.05

@@ -106,6 +106,6 @@ class FieldModel:
             return nothing, torch.stack([elements.mass(one * heavy) for one in hats])
         rigidity = section.rigidity.mean(-3)[None]
         stiff = section.rigidity[..., 0, 0] / rigidity[..., 0, 0]
-        coefficient = assembly.stiffness_coefficient(rigidity, plan.geometry)[0]
+        coefficient = assembly.stiffness_coefficient(rigidity, plan.geometry)
         found = torch.stack([elements.stiffness(one * stiff, coefficient) for one in hats])
         return 0.5 * (found + found.mT), nothing
