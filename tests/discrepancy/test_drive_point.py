@@ -25,7 +25,8 @@ def columns(off: float, kind: str = "receptance"):
     model = PlateModel(Mesh(*SIDES, 8, 8), effects, known, {}, [12, 41], [3, 70, 41], kind)
     told = Imperfections(off, 0.0, 0.0, 0.0)
     found = nuisances(model, NOBODY, LINES, told, UNIFORM, torch.zeros_like(LINES))
-    return found.common[..., [index for index, name in enumerate(found.group[0]) if name == "drive_point"]]
+    own = [index for index, name in enumerate(found.group[0]) if name == "drive_point"]
+    return torch.complex(*found.common[..., own].unbind(-2))
 
 
 def falls(distance: float) -> float:
