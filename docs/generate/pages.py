@@ -128,8 +128,9 @@ def _effect(effect: type[Effect], fixed: Mapping[str, Any], value: Mapping[str, 
     ]
     for name, one in parameters.items():
         neutral = "required" if one.neutral is None else f"{one.neutral:g}"
-        prior = "" if one.prior is None else one.prior.describe(one.unit)
-        rows.append(f"| `{name}` | {one.unit} | {one.meaning}; {one.allowed} | {neutral} | {prior} | {value[name]:g} |")
+        rows.append(
+            f"| `{name}` | {one.unit} | {one.meaning}; {one.allowed} | {neutral} | {one.looked_for} | {value[name]:g} |"
+        )
     if rows:
         lines += [
             "| parameter | unit | meaning and range | neutral | looked for in | in the picture |",

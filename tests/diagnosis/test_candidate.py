@@ -73,10 +73,13 @@ def test_every_effect_of_the_catalogue_may_be_missing(name):
     for one in own:
         assert isinstance(one.effect, CATALOGUE[name])
         with_prior = {key for key, parameter in one.effect.parameters.items() if parameter.prior is not None}
-        assert one.searched.keys() == with_prior
-        # It fits into the model as it stands.
-        model = with_candidate(plate(), "new", one)
-        assert set(model.names) == {f"new.{key}" for key in with_prior}
+        details = {key for key, parameter in one.effect.parameters.items() if parameter.detail}
+        assert one.searched.keys() == with_prior - details
+        assert one.detail.keys() == details
+        # It fits into the model as it stands, and with its details once it was found.
+        for each, keys in ((one, with_prior - details), (one.in_detail(), with_prior)):
+            model = with_candidate(plate(), "new", each)
+            assert set(model.names) == {f"new.{key}" for key in keys}
 
 
 def test_a_new_effect_may_be_missing_as_soon_as_it_is_defined():

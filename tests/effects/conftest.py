@@ -32,7 +32,7 @@ EXAMPLES = {
     "density": Example({}, {"value": 2480.0}),
     "thickness": Example({}, {"value": 0.0029}),
     "thickness_taper": Example({}, {"slope_x": 0.17, "slope_y": -0.24}),
-    "stiffness_loss": Example({}, {"x": 0.63, "y": 0.31, "size": 0.37, "factor": 0.4}),
+    "stiffness_loss": Example({}, {"x": 0.63, "y": 0.31, "size": 0.37, "factor": 0.4, "aspect": 1.4}),
     "grain_angle": Example({}, {"angle": 0.31}),
     "rib": Example(
         {},
@@ -44,7 +44,7 @@ EXAMPLES = {
         {"kind": "stiffness", "n_x": 2, "n_y": 3},
         {"value_1": -0.3, "value_2": 0.2, "value_3": -0.45, "value_4": 0.35, "value_5": 0.15, "value_6": -0.25},
     ),
-    "damping_patch": Example({}, {"x": 0.63, "y": 0.31, "size": 0.37, "loss_factor": 0.2}),
+    "damping_patch": Example({}, {"x": 0.63, "y": 0.31, "size": 0.37, "loss_factor": 0.2, "aspect": 0.7}),
     "directional_damping": Example({}, {"loss_x": 0.008, "loss_y": 0.03, "loss_xy": 0.02}),
     "frequency_dependent_loss": Example({}, {"exponent": 0.45}),
     "ground_spring": Example({}, {"x": 0.61, "y": 0.28, "stiffness": 2.3e4}),

@@ -34,7 +34,8 @@ class DampingPatch(Effect):
             "side along x over that along y, the area kept",
             positive,
             neutral=1.0,
-            detail=Prior(1 / 3, 3.0, logarithmic=True),
+            prior=Prior(1 / 3, 3.0, logarithmic=True),
+            detail=True,
         ),
     }
     check = Check(4, "put a second sensor near the suspected place, and take the local decay")

@@ -93,7 +93,7 @@ class Prior(Searched):
             of = f" × {PLATE_SCALE[unit][1]}"
         else:
             of = f" × present {self.relative_to}"
-        return f"{self.low:g} to {self.high:g}{of}{', log' if self.logarithmic else ''}"
+        return f"{self.low:.3g} to {self.high:.3g}{of}{', log' if self.logarithmic else ''}"
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Parameter:
         allowed: the values that make physical sense.
         neutral: the value that leaves the model as it was; None where the parameter must be given.
         prior: where a search for the effect looks for it; None if it is never looked for.
-        detail: where it is looked for once the effect was found with this at its neutral value; None if it never is.
+        detail: whether it is looked for only once the effect was found with this at its neutral value.
     """
 
     unit: str
@@ -114,7 +114,14 @@ class Parameter:
     allowed: Interval = Interval()
     neutral: float | None = None
     prior: Prior | None = None
-    detail: Prior | None = None
+    detail: bool = False
+
+    @property
+    def looked_for(self) -> str:
+        """Where a search for the effect looks for it, in a few words; empty where it is never looked for."""
+        if self.prior is None:
+            return ""
+        return self.prior.describe(self.unit) + (", once the effect was found" if self.detail else "")
 
     def prior_interval(self, section: Section, geometry: Geometry) -> Searched:
         """The prior in the parameter's unit, cut to what is allowed.

@@ -30,7 +30,8 @@ class StiffnessLoss(Effect):
             "side along x over that along y, the area kept",
             positive,
             neutral=1.0,
-            detail=Prior(1 / 3, 3.0, logarithmic=True),
+            prior=Prior(1 / 3, 3.0, logarithmic=True),
+            detail=True,
         ),
     }
     check = Check(3, "look at the place found (dye, tap test), and add a sensor off the symmetry line near it")

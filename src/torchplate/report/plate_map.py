@@ -208,9 +208,13 @@ def _found(axis: Axes, diagnosis: Diagnosis, sides: tuple[float, float], narrow:
             axis.add_patch(Ellipse(centre, *axes, facecolor="none", edgecolor=FOUND, lw=1.5, zorder=5))
             uncertain = True
         if (size := effect.parameters.get("size")) is not None:
-            side = size.value * math.sqrt(sides[0] * sides[1])
-            corner = centre[0] - side / 2, centre[1] - side / 2
-            axis.add_patch(Rectangle(corner, side, side, fill=False, edgecolor=FOUND, lw=1.3, ls=(0, (4, 2)), zorder=5))
+            aspect = effect.parameters["aspect"].value if "aspect" in effect.parameters else 1.0
+            root = size.value * math.sqrt(sides[0] * sides[1])
+            width, height = root * math.sqrt(aspect), root / math.sqrt(aspect)
+            corner = centre[0] - width / 2, centre[1] - height / 2
+            axis.add_patch(
+                Rectangle(corner, width, height, fill=False, edgecolor=FOUND, lw=1.3, ls=(0, (4, 2)), zorder=5)
+            )
             handles.append(Line2D([], [], **colour, lw=1.3, ls=(0, (4, 2)), label="its patch"))
     if uncertain:
         ring: dict[str, Any] = {"marker": "o", "ms": 11, "mfc": "none", "mec": FOUND, "mew": 1.5}

@@ -35,7 +35,6 @@ def effects(names: Sequence[str] = (), console: Console | None = None) -> None:
             table.add_row(option, "", "", "", "fixed, never searched")
         for key, parameter in effect.parameters.items():
             neutral = "" if parameter.neutral is None else f"neutral {parameter.neutral:g}"
-            prior = "" if parameter.prior is None else parameter.prior.describe(parameter.unit)
-            table.add_row(key, rf"\[{parameter.unit}]", neutral, prior, parameter.meaning)
+            table.add_row(key, rf"\[{parameter.unit}]", neutral, parameter.looked_for, parameter.meaning)
         console.print(table)
     console.print("A, h, ρ, D: area, thickness, density and bending rigidity of the plate as it is in the model")

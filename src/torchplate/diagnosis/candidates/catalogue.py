@@ -48,7 +48,9 @@ def candidates(
             free = {
                 key: parameter
                 for key, parameter in effect.parameters.items()
-                if parameter.prior is not None and not _already_searched(model, effect, key, told)
+                if parameter.prior is not None
+                and not parameter.detail
+                and not _already_searched(model, effect, key, told)
             }
             relative = name == "support_asymmetry" and f"{support_of(model, chosen)}.stiffness" in model.names
             if relative:
@@ -75,9 +77,9 @@ def candidates(
             replaces = "" if rigid is None else rigid.label
             widened = _of_the_first(model, chosen) if relative else {}
             detail = {
-                key: Searched(own.detail.low, own.detail.high, own.detail.logarithmic)
+                key: own.prior_interval(plan.section, plan.geometry)
                 for key, own in effect.parameters.items()
-                if own.detail is not None
+                if own.detail
             }
             found.append(
                 Candidate(effect, chosen, searched, neutral, tuple(far), tuple(near), replaces, widened, detail)

@@ -106,8 +106,9 @@ def _interval(model: PlateModel, label: str, key: str, value: float, plan: Plan)
     """Where a number that is known may have gone; None where the catalogue has an effect for that, or no prior."""
     effect = model.effects[label]
     parameter = effect.parameters[key]
-    # A place does not move, and what is wrong with the plate's own numbers are effects.
-    if parameter.prior is None or effect.name == "plate" or key in ("x", "y", "x0", "y0", "x1", "y1"):
+    # A place and an outline do not move, and what is wrong with the plate's own numbers are effects.
+    still = parameter.detail or key in ("x", "y", "x0", "y0", "x1", "y1")
+    if parameter.prior is None or effect.name == "plate" or still:
         return None
     ends = parameter.prior_interval(plan.section, plan.geometry)
     low, high = min(ends.low, value), max(ends.high, value)
