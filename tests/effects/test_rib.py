@@ -104,3 +104,11 @@ def test_sparse_and_dense_models_agree() -> None:
     torch.testing.assert_close(
         SparseModel(model, NONE).modes(9).frequency[3:9], model.natural_frequencies(NONE, 9)[3:], rtol=1e-7, atol=0
     )
+
+
+def test_it_has_the_energy_of_a_beam_whose_curvature_grows_along_it():
+    """w = X³: what the slopes at both ends of a piece do not say of its bending, its shear does."""
+    known = ends(0.0, 0.5, 1.0, 0.5) | {"rib.bending": 9.0, "rib.torsion": 0.0, "rib.mass_per_length": 0.0}
+    strain, _ = energies(build(known), lambda x, _: (0.5 * x) ** 3)
+    # ∫ (6 X)² dX over 0.5 m.
+    assert strain == pytest.approx(9.0 * 36 * 0.5**3 / 3, rel=1e-6)

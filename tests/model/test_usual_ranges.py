@@ -13,7 +13,11 @@ STEEL = {"youngs_modulus": 2.0e11, "poisson_ratio": 0.3, "density": 7860.0, "thi
 
 
 def plate(
-    sides: tuple[float, float] = (0.48, 0.37), magnet: float = 0.0, loss: float = 0.0, **changes: object
+    sides: tuple[float, float] = (0.48, 0.37),
+    magnet: float = 0.0,
+    loss: float = 0.0,
+    edges: dict[str, str] | None = None,
+    **changes: object,
 ) -> PlateModel:
     known, searched = {"magnet.x": 0.2, "magnet.y": 0.6, "magnet.mass": magnet, "loss.stiffness_loss_factor": loss}, {}
     for name, value in (STEEL | changes).items():
@@ -22,7 +26,7 @@ def plate(
         else:
             known[f"sheet.{name}"] = value
     effects = {"sheet": Plate(), "magnet": PointMass(), "loss": HystereticDamping()}
-    return PlateModel(Mesh(*sides, 3, 2), effects, known, searched)
+    return PlateModel(Mesh(*sides, 3, 2, edges=edges or {}), effects, known, searched)
 
 
 # What is wrong → (changes, key, the values that the sentence proposes).
@@ -127,3 +131,20 @@ def test_springs_of_no_stiffness_hang_no_plate_on_long_wires(stiffness, said):
     known = bare.known_values | {"wires.stiffness": stiffness, "wires.viscous_damping": 0.0}
     found = unusual(bare.replaced(effects=dict(bare.effects) | {"wires": SupportSpring(nodes=(1, 4))}, known=known))
     assert ["swings" in one.sentence for one in found] == [True] * said
+
+
+def test_a_plate_that_an_edge_holds_may_have_springs_as_soft_as_any():
+    """It does not swing on them."""
+    for edges, said in (({}, True), ({"x0": "clamped"}, False), ({"x0": "free"}, True)):
+        bare = plate(edges=edges)
+        known = bare.known_values | {"wires.stiffness": 1e-3, "wires.viscous_damping": 0.0}
+        found = unusual(bare.replaced(effects=dict(bare.effects) | {"wires": SupportSpring(nodes=(1, 4))}, known=known))
+        assert any("swings" in one.sentence for one in found) == said
+
+
+@pytest.mark.parametrize(("low", "high", "said"), [(0.01, 2.0, True), (0.6, 0.9, True), (0.01, 0.9, False)])
+def test_a_loss_factor_is_odd_where_all_of_its_interval_is_large_or_its_end_is_beyond_any(low, high, said):
+    bare = plate()
+    known = {key: value for key, value in bare.known_values.items() if key != "loss.stiffness_loss_factor"}
+    found = unusual(bare.replaced(known=known, searched={"loss.stiffness_loss_factor": Searched(low, high)}))
+    assert any("per cent" in one.sentence for one in found) == said

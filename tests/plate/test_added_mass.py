@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from torchplate.plate import Mesh
-from torchplate.plate.added_mass import POINT_WEIGHT, dragged, influence, lattice
+from torchplate.plate.added_mass import POINT_WEIGHT, _points, dragged, influence, lattice
 
 
 def of_translation(length_x: float, length_y: float, n_panel: int = 20) -> float:
@@ -74,3 +74,11 @@ def test_it_is_made_once_for_a_geometry():
     assert first[0] is again[0]
     assert first[1] is again[1]
     assert dragged(Mesh(0.5, 0.31, 12, 8))[1] is not first[1]
+
+
+def test_two_points_of_a_panel_hold_what_a_cubic_has_over_it():
+    edge = torch.tensor([0.1, 0.35, 0.4], dtype=torch.float64)
+    _, left, right = _points(edge, torch.zeros(2, dtype=torch.float64))
+    for power in (1, 2, 3):
+        mean = (edge.pow(power + 1)).diff() / ((power + 1) * edge.diff())
+        torch.testing.assert_close(0.5 * (left.pow(power) + right.pow(power)), mean, rtol=1e-12, atol=0.0)
