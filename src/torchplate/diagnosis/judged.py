@@ -228,8 +228,19 @@ def judged_beside(
     prior: Prior,
     position: Tensor,
     of_fit: Beside,
+    said: bool = True,
 ) -> Fit:
-    """A fitted model beside noise and nuisances."""
+    """A fitted model beside noise and nuisances.
+
+    Args:
+        builder: makes and evaluates models, beside the evidence.
+        model: in all dofs.
+        reduced: in a basis.
+        prior: what is known of its parameters beforehand.
+        position: on the unit cube.
+        of_fit: noise and nuisances.
+        said: whether what the data say of each parameter is wanted; else it is nothing, and the covariance NaN.
+    """
     target, theta, marginal = builder.target, model.space.to_si(position), of_fit()
     prediction = expected = builder.predict(reduced, theta)
     if marginal.about is not None:
@@ -242,12 +253,12 @@ def judged_beside(
         return marginal.over_noise(off)
 
     n = len(model.names)
-    if n:
+    if n and said:
         here = over_noise(position)
         jacobian = JACOBIANS["forward"].differentiate(over_noise, position[None], here[None])[0]
         information = marginal.precision(jacobian.mT, judged)
     else:
-        information = position.new_zeros(0, 0)
+        information = position.new_zeros(n, n)
     slope = _slope(model, position)
     known = torch.zeros(n, dtype=position.dtype)
     for name, (_, std) in prior.items():
@@ -259,7 +270,7 @@ def judged_beside(
         model,
         reduced,
         theta,
-        _covariance(information, known, slope),
+        _covariance(information, known, slope) if said else information.new_full((n, n), torch.nan),
         prediction,
         expected,
         judged,

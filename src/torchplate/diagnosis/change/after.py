@@ -84,13 +84,13 @@ class After(Hypotheses):
             ends.append(self._sharply(one, place, channels, drift, hopeless, drifts=begun is not None))
         best = min(ends, key=lambda end: end.fit.cost)
         if best.fit.reduced_misfit > hopeless:
-            return best.ended
+            return self._ended(best)
         if begun is None:
             # A drift is put in once what has changed is nearly where it belongs: before, it would stand in for it.
             best = self._drifting(one, best)
             best = self._sharply(one, best.place, best.channels, best.drift, drifts=True)
         if not names:
-            return best.ended
+            return self._ended(best)
         for _ in range(self.reference.settings.n_turn - 1):
             # In a basis of where it has come to.
             values = dict(zip(names, best.fit.theta.tolist(), strict=True))
@@ -103,7 +103,7 @@ class After(Hypotheses):
             best = again
             if moved < self.reference.settings.rest or abs(fallen) < fitting.little:
                 break
-        return best.ended
+        return self._ended(best)
 
     def _drifting(self, one: Hypothesis, here: "End") -> "End":
         """The same about a drift of all modes alike, where that is more probable.
@@ -202,6 +202,12 @@ class After(Hypotheses):
                 break
         return here
 
+    def _ended(self, end: "End") -> "Ended":
+        """What others need of an end, with what the data say of each parameter; columns of nuisances are not held."""
+        one, fit = end.about, end.fit
+        said = judged_beside(self.builder, one.frozen, one.reduced, {}, end.place, fit.beside)
+        return Ended(_as_the_specimen(said), Nuisances(end.channels, end.drift))
+
     def _judged(
         self,
         one: Hypothesis,
@@ -213,9 +219,9 @@ class After(Hypotheses):
         target = self.builder.target
         about = self.moved(one, channels, drift)
         of_fit = Beside(lambda: self.marginal(about, one.frozen.space.to_si(place)))
-        found, marginal = judged_beside(self.builder, one.frozen, about.reduced, {}, place, of_fit), of_fit()
-        # The specimen is the reference's in any case: what it makes expected is what is predicted.
-        found = found._replace(prediction=found.expected, gap=found.left)
+        # What the data say of each parameter is asked for where a fit has ended: here a likelihood is enough.
+        found = judged_beside(self.builder, one.frozen, about.reduced, {}, place, of_fit, said=False)
+        found, marginal = _as_the_specimen(found), of_fit()
         off = target.off(found.expected, marginal.about)
         seen = marginal.channels(marginal.residual(off))
         if seen is not None:
@@ -290,10 +296,10 @@ class End(NamedTuple):
         """Channels put in as they are meant."""
         return None if self.seen is None else self.seen.none()
 
-    @property
-    def ended(self) -> "Ended":
-        """What others need of it: columns of nuisances are not held."""
-        return Ended(self.fit, Nuisances(self.channels, self.drift))
+
+def _as_the_specimen(fit: Fit) -> Fit:
+    """The specimen is the reference's in any case: what it makes expected is what is predicted."""
+    return fit._replace(prediction=fit.expected, gap=fit.left)
 
 
 def from_each_other(channels: OfChannels) -> OfChannels:

@@ -88,7 +88,8 @@ def what_changed(
     if after.measurement is None:
         return tables_changed(reference, after, own=own, seed=seed, say=say, settings=settings)
     began = time.monotonic()
-    comparing, noise = comparing_of(reference, after, own, seed, say, settings, as_given)
+    targets = target_of(reference, seed), target_of(after, seed)
+    comparing, noise = comparing_of(reference, after, own, seed, say, settings, as_given, targets=targets)
     none = state = comparing.none()
     while len(state.changes) < settings.most:
         further = comparing.further(state)
@@ -101,7 +102,7 @@ def what_changed(
     if not as_given and any(change.is_of_the_section(comparing.after.model) for change in state.changes):
         say("settling on a finer mesh")
         fineness = comparing.after.builder.target.settings.meshes.settling
-        finer, _ = comparing_of(reference, after, own, seed, lambda _: None, settings, as_given, fineness)
+        finer, _ = comparing_of(reference, after, own, seed, lambda _: None, settings, as_given, fineness, targets)
         state = comparing.settled(state, finer)
     return summarise(comparing, none, state, (reference, after), noise, time.monotonic() - began)
 
@@ -115,17 +116,19 @@ def comparing_of(
     settings: ChangeSettings,
     as_given: bool,
     fineness: Fineness | None = None,
+    targets: tuple[FrfTarget, FrfTarget] | None = None,
 ) -> tuple[Comparing, Noise]:
     """What looks for changes beside a fitted reference, and the noise of the test after; see `what_changed`.
 
-    With a fineness it is on another mesh than that where effects are looked for.
+    With a fineness it is on another mesh than that where effects are looked for; targets are had from `target_of`.
     """
+    of_reference, of_after = targets or (target_of(reference, seed), target_of(after, seed))
     say(f"reference {reference.name}".rstrip())
-    before, prior, _ = _begun(reference, seed, as_given, fineness)
+    before, prior = _begun(reference, of_reference, as_given, fineness)
     common = before.given.searched
     told = fit_reference(before, prior, settings)
     say(f"reference: misfit {told.fit.reduced_misfit:.3g}, beside modes of their own noise × {told.noise_scale:.3g}")
-    builder, numbers, noise = _begun(after, seed, as_given, fineness, common)
+    builder, numbers = _begun(after, of_after, as_given, fineness, common)
     meshes = [(*one.mesh.cells, one.mesh.length_x, one.mesh.length_y) for one in (before, builder)]
     if meshes[0] != meshes[1]:
         raise ValueError(
@@ -140,7 +143,7 @@ def comparing_of(
     alone = [name for name in model.names if name in own or name not in told.names]
     known = replace(told.drifted(), place=place_std(builder.target.imperfections, builder.target.mesh_left))
     comparing = Comparing(After(builder, model, known, tuple(alone)), after.model, list(numbers), say)
-    return comparing, noise
+    return comparing, of_after.noise
 
 
 def _told(mesh: tuple[int, int, float, float]) -> str:
@@ -148,22 +151,24 @@ def _told(mesh: tuple[int, int, float, float]) -> str:
     return f"{n_x} × {n_y} elements on {length_x:g} × {length_y:g} m"
 
 
-def _begun(
-    test: PlateTest,
-    seed: int,
-    as_given: bool,
-    fineness: Fineness | None,
-    common: Mapping[str, Searched] | None = None,
-) -> tuple[ModelBuilder, Prior, Noise]:
-    """A builder against a test, what is known of its parameters, and its noise; common intervals are another test's."""
+def target_of(test: PlateTest, seed: int) -> FrfTarget:
+    """What a test is held against, with its noise, whatever mesh a model is on."""
     measurement = test.measurement
     assert measurement is not None
     noise = noise_level(measurement, test.n_average)
     if (step := line_step(measurement)) > 1:
         measurement, noise = measurement.every(step), noise.every(step)
-    target = FrfTarget(
-        measurement, noise, held_out(measurement.measured, seed), test.gain_is_unknown, test.imperfections
-    )
+    return FrfTarget(measurement, noise, held_out(measurement.measured, seed), test.gain_is_unknown, test.imperfections)
+
+
+def _begun(
+    test: PlateTest,
+    target: FrfTarget,
+    as_given: bool,
+    fineness: Fineness | None,
+    common: Mapping[str, Searched] | None = None,
+) -> tuple[ModelBuilder, Prior]:
+    """A builder against a test, and what is known of its parameters; common intervals are another test's."""
     given, prior = with_tolerances(test.model, dict(test.tolerance))
     shared = {name: one for name, one in (common or {}).items() if name in given.names}
     if shared:
@@ -171,6 +176,6 @@ def _begun(
     builder = ModelBuilder(given, target, as_given, fineness)
     middle = builder.given.space.to_si(given.known.new_full((len(given.names),), 0.5))
     if not as_given:
-        return builder.expecting(builder.corrected(builder.given, middle)), prior, noise
+        return builder.expecting(builder.corrected(builder.given, middle)), prior
     n_mode = int((builder.given.natural_frequencies(middle, builder.given.assembly.size) <= builder.top).sum())
-    return builder.against(target.with_mesh_error(torch.zeros_like(target.frequency), 0.0, n_mode)), prior, noise
+    return builder.against(target.with_mesh_error(torch.zeros_like(target.frequency), 0.0, n_mode)), prior

@@ -58,7 +58,7 @@ class Hypothesis(NamedTuple):
     half: Float[Tensor, "n_all k"]
     n_drift: int
     changed: bool
-    by_mesh: Float[Tensor, "n_left n n"] | None = None
+    by_mesh: Float[Tensor, "n_left n_basis n_basis"] | None = None
     about: Found | None = None
     drift: Float[Tensor, " n_drift"] | None = None
 
@@ -140,7 +140,9 @@ class Hypotheses:
         theta = torch.tensor([[one[name] for name in frozen.names] for one in members]).to(frozen.known)
         return whole, frozen, theta
 
-    def _left_by_mesh(self, mean: PlateModel, theta: Float[Tensor, " n"]) -> Float[Tensor, "n_left n n"] | None:
+    def _left_by_mesh(
+        self, mean: PlateModel, theta: Float[Tensor, " n"]
+    ) -> Float[Tensor, "n_left n_basis n_basis"] | None:
         """What may be left of what taking the mesh error off anew has made of each mode, and of each two close ones."""
         correction, settings = self.model.assembly.correction, self.reference.settings
         if self.anew is None or correction is None:

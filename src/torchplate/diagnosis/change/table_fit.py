@@ -28,6 +28,7 @@ from torchplate.diagnosis.change.settings import ChangeSettings
 from torchplate.diagnosis.integral import Peak, integrate
 from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.diagnosis.selection.criterion import UNIFORM
+from torchplate.diagnosis.table.evidence import of_unknown_scale
 from torchplate.diagnosis.table.settings import SETTINGS as TABLE
 from torchplate.model import PlateModel
 from torchplate.search import JACOBIANS, least_squares
@@ -148,9 +149,8 @@ class Posed:
         predicted = self.predicted(places)
         lower = self.lower(predicted, common)
         chi_square = self.over(lower, predicted).square().sum(dim=-1)
-        nu, n = self.tables.freedom, len(self.tables.mode)
         logdet = 2 * lower.diagonal(dim1=-2, dim2=-1).log().sum(dim=-1)
-        return (nu + n) * torch.log1p(chi_square / nu) + logdet
+        return of_unknown_scale(chi_square, self.tables.freedom, len(self.tables.mode)) + logdet
 
 
 def log_frequency(model: PlateModel, theta: Float[Tensor, "*batch n"], mode: Tensor) -> Float[Tensor, "*batch n_mode"]:
@@ -185,8 +185,8 @@ def numbers(tables: Tables, after: bool) -> Float[Tensor, " n_mode"]:
 
 def _log_evidence(tables: Tables, chi_square: float, logdet: float) -> float:
     """−2 ln p of the ratios, κ integrated out."""
-    nu, n = tables.freedom, len(tables.mode)
-    return (nu + n) * math.log1p(chi_square / nu) + logdet
+    whole = torch.tensor(chi_square, dtype=torch.float64)
+    return float(of_unknown_scale(whole, tables.freedom, len(tables.mode))) + logdet
 
 
 def none_of(tables: Tables) -> TableFit:

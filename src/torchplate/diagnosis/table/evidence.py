@@ -6,7 +6,6 @@ a Gaussian whose variances are κ² = (ν + r·r) / (ν + n) times as large. Sou
 (3rd ed. 2013), section 3.2.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 import torch
@@ -70,15 +69,11 @@ class TableEvidence:
 
     def minus_two_log_likelihood(self, chi_square: float) -> float:
         """−2 ln p of a sum of squares, κ integrated out, but for a constant."""
-        return (self.freedom + self.n) * math.log1p(chi_square / self.freedom) + self._spread
+        return float(self.minus_two_log_likelihoods(torch.tensor(chi_square, dtype=torch.float64)))
 
     def minus_two_log_likelihoods(self, chi_square: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
         """The same of many."""
-        return (self.freedom + self.n) * torch.log1p(chi_square / self.freedom) + self._spread
-
-    @property
-    def _spread(self) -> float:
-        return 2 * float(self.std.log().sum())
+        return of_unknown_scale(chi_square, self.freedom, self.n) + 2 * float(self.std.log().sum())
 
     def kappa_square(self, chi_square: float) -> float:
         """The factor κ² on all variances that goes with a sum of squares."""
@@ -90,3 +85,14 @@ class TableEvidence:
         import scipy.stats  # here: a third of what importing this package takes
 
         return rest * float(scipy.stats.f.ppf(level, rest, self.freedom))
+
+
+def of_unknown_scale(chi_square: Float[Tensor, "*batch"], freedom: float, n: int) -> Float[Tensor, "*batch"]:
+    """−2 ln p of a sum of squares, the factor on all variances integrated out, but for a constant and the variances.
+
+    Args:
+        chi_square: of n numbers.
+        freedom: ν of the inverse gamma prior of the factor.
+        n: how many.
+    """
+    return (freedom + n) * torch.log1p(chi_square / freedom)
