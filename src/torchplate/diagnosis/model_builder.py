@@ -82,6 +82,17 @@ class ModelBuilder:
         found = self._known[0]
         return found._replace(model=on_mesh(plain, found.model.assembly))
 
+    def taken_off_at(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> "ModelBuilder":
+        """The same, the mesh error taken off being that of a plate whose section differs from place to place.
+
+        Args:
+            model: the plate with what makes it so, in all dofs.
+            theta: its searched parameters.
+        """
+        twin = self.against(self.target)
+        twin._known = [] if self.as_given else [self.corrected(model, theta, anew=True)]
+        return twin
+
     def _extrapolated(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Extrapolated:
         """From the working mesh and the one twice as fine."""
         if self._finer is None:

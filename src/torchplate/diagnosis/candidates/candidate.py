@@ -70,6 +70,12 @@ class Candidate:
         return replace(self, searched={**self.searched, **self.detail}, neutral={**self.neutral, **known}, detail={})
 
     @property
+    def is_patch(self) -> bool:
+        """Whether the plate bends otherwise at a place: what a mesh leaves of its frequencies is another error."""
+        of_section = "section" in self.effect.acts_on and self.effect.moves_natural_frequencies()
+        return self.has_place and of_section
+
+    @property
     def has_place(self) -> bool:
         """Whether it sits somewhere on the plate."""
         return {"x", "y"} <= self.searched.keys()
