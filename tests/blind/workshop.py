@@ -3,7 +3,8 @@
 40 have nothing hidden, 20 something beyond the catalogue, 30 two effects, 110 one: each effect at least four times. No
 draw is thrown away because it does not show: `detect.seen` says whether it does. Every other case is made by the second
 truth. Layouts from 1 to 121 FRFs, most of 6 to 40; 60 to 3,200 lines, most of 200 to 1,200, up to 100, 200 or 400 Hz.
-A patch has any aspect from 0.4 to 2.5. Noise: `noise`; nuisances: `nuisances`.
+A patch has any aspect from 0.4 to 2.5. Noise: `noise`; nuisances: `nuisances`. A hit and a sensor may have one mark: at
+such a drive point both truths, whose functions are some centimetres wide, give way less than under a point force.
 """
 
 from dataclasses import replace
