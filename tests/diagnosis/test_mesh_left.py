@@ -126,6 +126,7 @@ def test_frfs_that_were_computed_on_the_given_mesh_are_said_to_be_and_no_effect_
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_of_a_plate_with_a_patch_the_mesh_error_is_taken_off_with_the_patch_in_it(lab):
     """Modes on a mesh of 14 × 14 elements, their error taken off, against one of four times as many along a side."""
     own = {"x": 0.37, "y": 0.61, "size": 0.23, "factor": 0.3}
