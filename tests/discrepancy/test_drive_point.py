@@ -42,8 +42,8 @@ def falls(distance: float) -> float:
 def test_it_is_what_a_point_force_leaves_as_far_off_as_both_ends_are(off):
     own = columns(off)
     near = math.sqrt(4 * off**2 + THICKNESS**2)
-    # The series has a boundary of its own, which the logarithm hardly feels.
-    assert float(own[0, 1, 2, 0].real) == pytest.approx(falls(near), rel=0.07)
+    # A rectangle on supports is a little stiffer about its middle than a disc as wide as its shorter side.
+    assert falls(near) < float(own[0, 1, 2, 0].real) < 1.07 * falls(near)
 
 
 def test_only_the_drive_point_has_it_and_the_same_at_all_lines():
