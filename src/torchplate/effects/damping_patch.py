@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 
 from torchplate.effects.effect import Check, Effect, Value
-from torchplate.effects.parameter import Parameter, Prior, nonnegative, positive, unit_interval
+from torchplate.effects.parameter import Parameter, Prior, nonnegative, patch_aspect, unit_interval
 from torchplate.plate import Mesh, Section, laminate
 
 
@@ -29,14 +29,7 @@ class DampingPatch(Effect):
             neutral=0.0,
             prior=Prior(1e-3, 1.0, logarithmic=True),
         ),
-        "aspect": Parameter(
-            "-",
-            "side along x over that along y, the area kept",
-            positive,
-            neutral=1.0,
-            prior=Prior(1 / 3, 3.0, logarithmic=True),
-            detail=True,
-        ),
+        "aspect": patch_aspect,
     }
     check = Check(4, "put a second sensor near the suspected place, and take the local decay")
     acts_on = frozenset({"damping", "section"})

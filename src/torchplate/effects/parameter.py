@@ -149,6 +149,17 @@ class Parameter:
         )
 
 
+# Whether a patch is longer along one side of the plate: three to one, beyond which it is a strip.
+patch_aspect = Parameter(
+    "-",
+    "side along x over that along y, the area kept",
+    positive,
+    neutral=1.0,
+    prior=Prior(1 / 3, 3.0, logarithmic=True),
+    detail=True,
+)
+
+
 def plate_scale(unit: str, section: Section, geometry: Geometry) -> float:
     """The one product of powers of the plate's mass ρhA, length √A and time A √(ρh/D) that has this unit.
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from torchplate.effects.effect import Check, Effect, Value
-from torchplate.effects.parameter import Parameter, Prior, positive, unit_interval
+from torchplate.effects.parameter import Parameter, Prior, patch_aspect, positive, unit_interval
 from torchplate.plate import Mesh, Section, laminate
 
 
@@ -25,14 +25,7 @@ class StiffnessLoss(Effect):
         "factor": Parameter(
             "-", "bending stiffness there over the sound one", positive, neutral=1.0, prior=Prior(0.1, 1.5)
         ),
-        "aspect": Parameter(
-            "-",
-            "side along x over that along y, the area kept",
-            positive,
-            neutral=1.0,
-            prior=Prior(1 / 3, 3.0, logarithmic=True),
-            detail=True,
-        ),
+        "aspect": patch_aspect,
     }
     check = Check(3, "look at the place found (dye, tap test), and add a sensor off the symmetry line near it")
     acts_on = frozenset({"section"})

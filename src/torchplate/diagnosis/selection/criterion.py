@@ -26,11 +26,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate, nameable
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import Found
+from torchplate.model import PlateModel
 
 # Precision of a uniform prior on the unit cube, one over its variance: nobody chose it.
 UNIFORM = 12.0
@@ -58,6 +61,17 @@ class Hypothesis:
     def name(self) -> str:
         """Of the effect."""
         return self.candidate.name
+
+    @property
+    def own(self) -> dict[str, float]:
+        """Values of its own parameters."""
+        values = self.fit.model.as_dict(self.fit.theta)
+        return {key: values[f"{self.label}.{key}"] for key in self.candidate.searched}
+
+    def beside(self, model: PlateModel) -> Float[Tensor, " n"]:
+        """Values of the parameters of the model that it came into."""
+        values = self.fit.model.as_dict(self.fit.theta)
+        return self.fit.theta.new_tensor([values[name] for name in model.names])
 
     @property
     def prior(self) -> float:

@@ -43,7 +43,7 @@ class Instead:
         if not best.fit.by_noise or not (much or is_noise(best.fit)):
             return []
         values = best.fit.model.as_dict(best.fit.theta)
-        theta = torch.tensor([values[name] for name in state.model.names]).to(best.fit.theta)
+        theta = best.beside(state.model)
         place = (values[f"{best.label}.x"], values[f"{best.label}.y"]) if best.candidate.has_place else None
         ways = self._all_over(state, best, everyone, theta) if place is None else self._at(state, best, everyone, place)
         found, about = [best], best.fit.about

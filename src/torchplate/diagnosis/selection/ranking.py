@@ -138,8 +138,7 @@ class Ranking:
             others: as they ended beside it, of which the better counts.
             before: where it had ended.
         """
-        values = best.fit.model.as_dict(best.fit.theta)
-        theta = torch.tensor([values[name] for name in state.model.names]).to(best.fit.theta)
+        theta = best.beside(state.model)
         there = State(state.model, best.fit._replace(model=state.model, theta=theta))
         limit, beat = self.settings.searching.hopeless * best.fit.square, self._beat(state, [best])
         near = self.settings.selecting.beside * before.square
@@ -147,9 +146,8 @@ class Ranking:
         for one in others:
             if one.name == best.name or one.fit.square > near:
                 continue
-            own = {key: one.fit.model.as_dict(one.fit.theta)[f"{one.label}.{key}"] for key in one.candidate.searched}
             whole = with_candidate(state.model, one.label, one.candidate)
-            start = start_of(whole, theta, state.model, own, one.label)[None]
+            start = start_of(whole, theta, state.model, one.own, one.label)[None]
             again = self.refits.refit(there, one.candidate, one.label, start, limit, beat=beat)
             again = replace(again, coincidence=one.coincidence, n_option=one.n_option)
             found.append(min((one, again), key=lambda each: each.cost))
@@ -325,11 +323,9 @@ class Ranking:
         ]
         found = []
         for one in near[: self.settings.selecting.n_again]:
-            values = one.fit.model.as_dict(one.fit.theta)
-            own = {key: values[f"{one.label}.{key}"] for key in one.candidate.searched}
             label = new_label(state.model, one.name)
             whole = with_candidate(state.model, label, one.candidate)
-            start = start_of(whole, state.fit.theta, state.model, own, label)
+            start = start_of(whole, state.fit.theta, state.model, one.own, label)
             found.append(self.refits.refit(state, one.candidate, label, start[None]))
         return found
 
@@ -374,12 +370,8 @@ class Ranking:
                 continue
             detailed = one.candidate.in_detail()
             whole = with_candidate(state.model, one.label, detailed)
-            values = dict(detailed.neutral) | {
-                name.removeprefix(f"{one.label}."): value
-                for name, value in one.fit.model.as_dict(one.fit.theta).items()
-            }
-            first = torch.tensor([values[name.removeprefix(f"{one.label}.")] for name in whole.names]).to(one.fit.theta)
-            starts = [whole.space.to_cube(first).clamp(0.0, 1.0)]
+            own = {**detailed.neutral, **one.own}
+            starts = [start_of(whole, one.beside(state.model), state.model, own, one.label)]
             for key in one.candidate.detail:
                 column = whole.names.index(f"{one.label}.{key}")
                 for end in (0.0, 1.0):
