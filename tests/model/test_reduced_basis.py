@@ -252,6 +252,28 @@ def test_many_channels_at_one_side_take_no_vectors_of_their_own(hit):
     assert frf_error(model, model.projected(basis), theta, FREQUENCY[::4]) < 1e-3
 
 
+@pytest.mark.parametrize("hit", ["all over the plate", "at one place"])
+def test_the_one_sensor_of_many_hits_may_be_off_its_mark(hit):
+    """Of both ends of an FRF the basis knows that of the one channel alone, and it is read some millimetres beside."""
+    every, one = list(range(1, 118)), [(0.31, 0.27)]
+    response, reference = (one, every) if hit == "all over the plate" else (every, one)
+    known = {key: value for key, value in NUMBERS.items() if not key.startswith("wires")}
+    effects = {"plate": Plate(), "loss": HystereticDamping()}
+    model = PlateModel(Mesh(0.47, 0.31, 12, 8), effects, known, {}, response, reference, "accelerance")
+    theta = model.known.new_zeros(1, 0)
+    places = [torch.tensor([[0.011, -0.015]]).to(theta), torch.zeros(117, 2).to(theta)]
+    moved = places if hit == "all over the plate" else places[::-1]
+    off = model.with_places_off(*moved)
+    small = [
+        model.projected(reduced_basis.ritz_basis(model, theta, FREQUENCY, 0, 2.0, off_marks=both))
+        for both in (False, True)
+    ]
+    error = [frf_error(off, one.with_places_off(*moved), theta, FREQUENCY[::4]) for one in small]
+    # As right as one that never heard of it is on the mark, which is more than a per cent off beside it.
+    assert error[1] < frf_error(model, small[0], theta, FREQUENCY[::4])
+    assert error[0] > 0.01
+
+
 def test_an_edge_on_springs_takes_few_vectors_and_may_yield():
     springs = {"one.stiffness": Searched(1e2, 1e6, True), "one.rotational_stiffness": Searched(1.0, 1e4, True)}
     model = with_one(EdgeSpring("y0"), {}, springs)

@@ -122,7 +122,8 @@ class ModelBuilder:
             margin: modes kept, in multiples of the band's end [-]; left out, that of the settings.
         """
         margin = margin or self.target.settings.meshes.margin
-        basis = ritz_basis(model, members, torch.tensor([self.top]).to(model.known), 0, margin)
+        off = self.target.imperfections.std("position_std") > 0
+        basis = ritz_basis(model, members, torch.tensor([self.top]).to(model.known), 0, margin, off_marks=off)
         if by_element is None:
             return model.projected(basis)
         return on_mesh(model, Assembly(self.mesh, basis, by_element, model.assembly.correction))

@@ -236,9 +236,20 @@ def ritz_basis(
     n_mode: int,
     margin: float,
     independent: float = INDEPENDENT,
+    off_marks: bool = False,
 ) -> Float[Tensor, "n_free n_basis"]:
-    """Modes and residuals of all given members, M-orthonormal at the first."""
-    return _ritz_columns(model, theta, frequency, n_mode, margin).independent(independent)
+    """Modes and residuals of all given members, M-orthonormal at the first.
+
+    Args:
+        model: the full one.
+        theta: the members.
+        frequency: lines at which FRFs are wanted [Hz]; None if none are.
+        n_mode: natural frequencies that are wanted.
+        margin: modes kept, in multiples of the band's end, or of the number that is wanted [-].
+        independent: directions with less than this part of the largest column are left out [-].
+        off_marks: whether sensors and hits may turn out to be off their marks, by a small part of a wave.
+    """
+    return _ritz_columns(model, theta, frequency, n_mode, margin, off_marks).independent(independent)
 
 
 class _Columns(NamedTuple):
@@ -255,7 +266,9 @@ class _Columns(NamedTuple):
         return self.stack @ self.direction[:, kept] / self.strength[kept].sqrt()
 
 
-def _ritz_columns(model: PlateModel, theta: Tensor, frequency: Tensor | None, n_mode: int, margin: float) -> _Columns:
+def _ritz_columns(
+    model: PlateModel, theta: Tensor, frequency: Tensor | None, n_mode: int, margin: float, off_marks: bool = False
+) -> _Columns:
     top = 0.0 if frequency is None else margin * float(frequency.max())
     columns = []
     first: SparseModel | None = None
@@ -271,12 +284,14 @@ def _ritz_columns(model: PlateModel, theta: Tensor, frequency: Tensor | None, n_
         columns.append(shape)
         if frequency is not None:
             in_band = modes.shape[:, modes.frequency <= ABOVE * top / margin]
-            fewer = _fewer_channels(model, member, in_band)
+            fewer = _fewer_channels(model, member, in_band, off_marks)
             forces = torch.cat([_forces(model, member, in_band, not len(fewer)), _patch_forces(sparse, in_band)])
             residual = sparse.residual(shape, forces)
             if len(fewer):
                 once = sparse.residual(shape, fewer)
                 residual = torch.cat([residual, once, sparse.residual(shape, sparse.times_mass(once).mT)], dim=-1)
+                if off_marks:
+                    residual = torch.cat([residual, sparse.residual(shape, _curvatures(model, member))], dim=-1)
             # Scaled to the size of a mode: only directions count.
             columns.append(residual / residual.norm(dim=0).clamp(min=1e-300) * shape.norm(dim=0).mean())
     stack = torch.cat(columns, dim=-1)
@@ -319,18 +334,31 @@ def _forces(
     return torch.cat(rows)
 
 
-def _fewer_channels(model: PlateModel, theta: Tensor, modes: Float[Tensor, "n n_mode"]) -> Float[Tensor, "n_row n"]:
+def _fewer_channels(
+    model: PlateModel, theta: Tensor, modes: Float[Tensor, "n n_mode"], off_marks: bool
+) -> Float[Tensor, "n_row n"]:
     """Rows at the side of fewer channels, where the other has more than there are modes in the band; none elsewhere.
 
     An FRF is of both its ends. With what a force at one moves at rest, K⁻¹f, and K⁻¹ M K⁻¹f in the basis, two terms of
     the series of far modes are right of every FRF that ends there (moment matching; Antoulas, Approximation of
-    Large-Scale Dynamical Systems, 2005), as many as K⁻¹f of both ends make right.
+    Large-Scale Dynamical Systems, 2005), as many as K⁻¹f of both ends make right. Where both ends have a vector of
+    their own, what one is off its mark counts times what the other is; here the one is to have it where it is, and
+    slopes join it.
     """
     fewer, more = sorted((model.response or (), model.reference or ()), key=len)
     if not len(fewer) or len(more) <= max(len(fewer), modes.shape[-1]):
         return theta.new_zeros(0, model.assembly.size)
-    return _at(model, fewer, theta)
+    orders = ((0, 0), (1, 0), (0, 1)) if off_marks else ((0, 0),)
+    return torch.cat([_at(model, fewer, theta, *order) for order in orders])
 
 
-def _at(model: PlateModel, points: Sequence[int | Sequence[float]], theta: Tensor) -> Float[Tensor, "n_row n"]:
-    return model.assembly.rows(model.mesh.deflection_at(model.mesh.places(points).to(theta)))
+def _curvatures(model: PlateModel, theta: Tensor) -> Float[Tensor, "n_row n"]:
+    """Rows of the second derivatives at the side of fewer channels."""
+    fewer = min((model.response or (), model.reference or ()), key=len)
+    return torch.cat([_at(model, fewer, theta, *order) for order in ((2, 0), (1, 1), (0, 2))])
+
+
+def _at(
+    model: PlateModel, points: Sequence[int | Sequence[float]], theta: Tensor, order_x: int = 0, order_y: int = 0
+) -> Float[Tensor, "n_row n"]:
+    return model.assembly.rows(model.mesh.deflection_at(model.mesh.places(points).to(theta), order_x, order_y))
