@@ -268,11 +268,14 @@ def on_a_mesh_of_its_own(model: PlateModel, split: int) -> PlateModel:
     return whole.projected(ritz_basis(whole, NOBODY[None], torch.tensor([top]).to(NOBODY), 0, 3.0))
 
 
-@pytest.mark.check
-def test_a_patch_that_came_is_as_large_as_it_is_on_whatever_mesh():
-    """Its corners and the elements that its edges cut are a per cent and more of it on 18 × 15 elements."""
+def on_both_meshes(came: bool):
+    """A patch tried beside a plate to which it came, or not: on the mesh where changes are looked for and a finer one.
+
+    Returns:
+        What compares on each, where the patch ends on the first, and from where it began.
+    """
     given = PlateModel(plate().mesh, plate().effects, plate().known_values, BOX, *SPOTS, "accelerance")
-    truths = [on_a_mesh_of_its_own(plate(TRUE, **more), 7) for more in ({}, {"soft": SOFT})]
+    truths = [on_a_mesh_of_its_own(plate(TRUE, **more), 7) for more in ({}, {"soft": SOFT} if came else {})]
     before, after = (PlateTest(given, measured(one, seed), imperfections=TOLD) for seed, one in enumerate(truths))
     own = {key: Searched(0.0, 1.0) for key in ("x", "y")} | {"size": Searched(0.05, 0.5), "factor": Searched(0.1, 1.5)}
     change = Change("stiffness_loss", "soft", Candidate(CATALOGUE["stiffness_loss"](), {}, own, {"factor": 1.0}))
@@ -281,12 +284,49 @@ def test_a_patch_that_came_is_as_large_as_it_is_on_whatever_mesh():
         for fineness in (None, DIAGNOSIS.meshes.settling)
     )
     start = {f"soft.{key}": value for key, value in SOFT[1].items()}
+    if not came:
+        start["soft.factor"] = 0.99
     found = comparing.after.fit([change], [start])
-    for fit in (found.fit, comparing.settled(State((change,), *found), finer).fit):
+    state = State((change,), *found, promises=((Promise(change, 0.9, (start,)),),))
+    return comparing, finer, state, start
+
+
+@pytest.mark.check
+def test_a_patch_that_came_is_as_large_as_it_is_on_whatever_mesh():
+    """Its corners and the elements that its edges cut are a per cent and more of it on 18 × 15 elements."""
+    comparing, finer, state, start = on_both_meshes(came=True)
+    for fit in (state.fit, comparing.settled(state, finer).fit):
         assert is_noise(fit)
         off = fit.theta - torch.tensor([start[name] for name in fit.model.names], dtype=torch.float64)
         # The quantile at 99.9 % of χ² of four numbers: the mesh alone made 22.7 of it.
         assert float(off @ torch.linalg.solve(fit.covariance, off)) < 18.5
+
+
+@pytest.mark.check
+def test_a_change_that_does_not_show_on_a_finer_mesh_is_taken_back():
+    comparing, finer, state, _ = on_both_meshes(came=False)
+    settled = comparing.settled(state, finer)
+    assert settled.changes == settled.choices == ()
+    assert settled.fit.model.names == comparing.none().fit.model.names
+
+
+@pytest.mark.check
+def test_a_change_that_changes_nothing_leaves_the_mesh_error_as_it_was():
+    """That of both tests is the reference's: taken off a plate from the middle of the box it stood for a change."""
+    wide = BOX | {"wires.stiffness": Searched(1e3, 1e6, True)}
+    given = PlateModel(plate().mesh, plate().effects, plate().known_values, wide, *SPOTS, "accelerance")
+    truth = on_a_mesh_of_its_own(plate(TRUE), 7)
+    before, after = (PlateTest(given, measured(truth, seed), imperfections=TOLD) for seed in (0, 1))
+    of_after = comparing_of(before, after, (), 0, lambda _: None, SETTINGS, False)[0].after
+    own = {key: Searched(0.0, 1.0) for key in ("x", "y")} | {"size": Searched(0.05, 0.5), "factor": Searched(0.1, 1.5)}
+    change = Change("stiffness_loss", "soft", Candidate(CATALOGUE["stiffness_loss"](), {}, own, {"factor": 1.0}))
+    nothing = {f"soft.{key}": value for key, value in (SOFT[1] | {"factor": 1.0}).items()}
+    there = of_after.taken_off_at([change], nothing)
+    taken_off, anew = (
+        one.correction.stiffness.diagonal() / one.correction.rigidity for one in (of_after.model.assembly, there.anew)
+    )
+    # Of modes that the wires hold it was seven times as large in the middle of the box, of others up to a half more.
+    assert torch.allclose(taken_off, anew, rtol=0.01)
 
 
 def test_what_all_records_drift_is_no_drift_of_theirs():

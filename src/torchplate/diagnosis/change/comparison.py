@@ -17,7 +17,7 @@ from torchplate.diagnosis.change.hypothesis import Hypothesis, as_the_specimen
 from torchplate.diagnosis.change.posterior import Choice, Weighed, chance, choose
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.problem import Problem
-from torchplate.diagnosis.selection.criterion import evidence, is_explained, is_noise, weight_of
+from torchplate.diagnosis.selection.criterion import evidence, is_explained, is_noise, tempered, weight_of
 from torchplate.diagnosis.selection.screen import screen
 from torchplate.discrepancy import Marginal
 from torchplate.model import PlateModel
@@ -125,20 +125,7 @@ class Comparing:
         if not fits:
             return None
         state = self._anew(state, min(ended.values(), key=lambda one: one.fit.cost))
-        weight = weight_of([state.fit, *fits.values()])
-        weighed = [
-            Weighed(
-                change,
-                evidence(fits[key], weight),
-                fits[key].cost,
-                len(fits[key].theta) - len(state.fit.theta),
-                _n_place(change, target.n_mode),
-            )
-            for key, change in tried.items()
-        ]
-        none = Weighed(None, evidence(state.fit, weight), state.fit.cost)
-        changes = list({promise.change.key: promise.change for promise in promises}.values())
-        choice = choose(none, weighed, n_names(changes), len(changes), state.fit.comparison, self.settings)
+        choice = self._choice(state.fit, [(tried[key], fit) for key, fit in fits.items()], promises)
         step = (choice, fits, state.fit)
         assert choice.best.change is not None
         if not choice.needed:
@@ -150,23 +137,51 @@ class Comparing:
             (*state.promises, tuple(promises)),
         )
 
+    def _choice(self, before: Fit, fits: Sequence[tuple[Change, Fit]], promises: Sequence[Promise]) -> Choice:
+        """Which of some changes is the most probable, and whether it is needed beside what was there before."""
+        weight = weight_of([before, *(fit for _, fit in fits)])
+        n_mode = self.after.builder.target.n_mode
+        weighed = [
+            Weighed(
+                change,
+                evidence(fit, weight),
+                tempered(fit, weight),
+                len(fit.theta) - len(before.theta),
+                _n_place(change, n_mode),
+            )
+            for change, fit in fits
+        ]
+        none = Weighed(None, evidence(before, weight), tempered(before, weight))
+        changes = list({promise.change.key: promise.change for promise in promises}.values())
+        return choose(none, weighed, n_names(changes), len(changes), before.comparison, self.settings)
+
     def settled(self, state: State, finer: "Comparing") -> State:
         """The state on a finer mesh; as it is, where that leaves noise alone and settling more.
 
         How two close modes turn into each other hangs on a patch by less than a per cent of it: what the mesh leaves
-        of that is no shift of a mode.
+        of that is no shift of a mode. The last change has to show there again: it may have been the mesh.
 
         Args:
             state: at least one change.
             finer: the same on that mesh.
         """
-        there = finer.after.taken_off_at(state.changes, state.values)
         drift = state.nuisances.drift
-        same = drift is not None and len(drift) == there.reference.drift.shape[1]
-        ended = there.fit(state.changes, [state.values], state.nuisances if same else None)
+        same = drift is not None and len(drift) == finer.after.reference.drift.shape[1]
+        begun = state.nuisances if same else None
+
+        def on_it(changes: tuple[Change, ...]) -> Ended:
+            there = finer.after.taken_off_at(changes, state.values)
+            return there.fit(changes, [state.values], begun)
+
+        *others, last = state.changes
+        ended, without = on_it(state.changes), on_it(tuple(others))
         target, builder = self.after.builder.target, self.after.builder
-        builder.count(there.builder.n_evaluation)
-        self.say(f"  misfit {ended.fit.reduced_misfit:.4g}")
+        builder.count(finer.after.builder.n_evaluation)
+        self.say(f"  misfit {ended.fit.reduced_misfit:.4g}, without {last.name} {without.fit.reduced_misfit:.4g}")
+        if not self._choice(without.fit, [(last, ended.fit)], state.promises[len(others)]).needed:
+            self.say(f"  {last.name} does not show there")
+            return replace(state, changes=tuple(others), fit=without.fit, nuisances=without.nuisances,
+                           choices=state.choices[:-1])  # fmt: skip
         if is_noise(state.fit) and not is_explained(ended.fit, target):
             return state
         return replace(state, fit=ended.fit, nuisances=ended.nuisances)

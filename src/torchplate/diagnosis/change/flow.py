@@ -137,8 +137,10 @@ def comparing_of(
         )
     builder = against_the_next(builder, told)
     start = {name: 0.5 * (one.low + one.high) for name, one in builder.given.searched.items()}
-    start |= {name: value for name, value in told.values.items() if name in start}
-    theta = torch.tensor([start[name] for name in builder.given.names]).to(builder.given.known)
+    found = told.fit.model.as_dict(told.fit.theta)
+    theta = torch.tensor([found.get(name, middle) for name, middle in start.items()]).to(builder.given.known)
+    # At the plate that the reference's was taken off at: between two plates it differs, and would stand for a change.
+    builder = builder.taken_off_at(builder.given, theta)
     model = builder.corrected(builder.given, theta).model
     alone = [name for name in model.names if name in own or name not in told.names]
     known = replace(told.drifted(), place=place_std(builder.target.imperfections, builder.target.mesh_left))

@@ -20,7 +20,7 @@ class Weighed:
     Attributes:
         change: the last one that it has more than what it is compared with; None for none.
         evidence: −2 ln of its marginal likelihood.
-        cost: −2 ln of its likelihood.
+        cost: −2 ln of its likelihood, at the weight that this has in the evidence.
         n_parameter: of the change.
         n_place: places that were tried [-].
     """

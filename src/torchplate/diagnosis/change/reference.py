@@ -121,10 +121,12 @@ def fit_reference(builder: ModelBuilder, prior: Prior, settings: ChangeSettings)
     theta = found.theta
     n_mode = modes_near(found.reduced, theta, target.frequency)
     modes = OwnModes.of(found.model, found.reduced, theta, n_mode)
-    plain = builder.reduced(found.model, theta[None])
+    # Both tests are on one mesh, its error taken off at one plate: this one.
+    whole = builder.corrected(model, theta, anew=True).model
+    plain = builder.reduced(whole, theta[None])
     place = place_std(target.imperfections, target.mesh_left)
     specimens = ReferenceSpecimens(plain, theta, target.wandering, damping, modes, settings.mode_stiffness, place)
-    joint = Joint(builder, found.model, specimens, prior)
+    joint = Joint(builder, whole, specimens, prior)
     position, shift = model.space.to_cube(theta), _begun(found, specimens, told, damping)
     # Sensors off their marks, and what they weigh, are a part of what was found: without it the fit begins elsewhere.
     channels = None if found.about is None else found.about.channels

@@ -127,10 +127,15 @@ def evidence(fit: Fit, weight: float) -> float:
         scaled = torch.eye(len(prior)).to(prior) + weight * root[:, None] * fit.information * root
         occam = float(torch.linalg.slogdet(scaled).logabsdet)
     on_bound = -2 * math.log(fit.comparison.on_bound) * fit.n_on_bound
+    return tempered(fit, weight) + occam + on_bound
+
+
+def tempered(fit: Fit, weight: float) -> float:
+    """−2 ln L and of the prior of the parameters at a fit, the likelihood at its weight."""
     judged = fit.judged
     # Where far more than noise is left, nuisances take on what the model lacks, and say no more than the data do.
     full = weight + (1 - weight) / max(1.0, judged.noise_scale**2)
-    return weight * (judged.cost - judged.complexity) + full * judged.complexity + fit.prior + occam + on_bound
+    return weight * (judged.cost - judged.complexity) + full * judged.complexity + fit.prior
 
 
 def weight_of(fits: Sequence[Fit]) -> float:
