@@ -326,7 +326,7 @@ def test_a_change_that_changes_nothing_leaves_the_mesh_error_as_it_was():
         one.correction.stiffness.diagonal() / one.correction.rigidity for one in (of_after.model.assembly, there.anew)
     )
     # Of modes that the wires hold it was seven times as large in the middle of the box, of others up to a half more.
-    assert torch.allclose(taken_off, anew, rtol=0.01)
+    assert torch.allclose(taken_off, anew, rtol=0.05)
 
 
 def test_what_all_records_drift_is_no_drift_of_theirs():
