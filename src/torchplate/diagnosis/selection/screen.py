@@ -100,6 +100,8 @@ def screen(
     n_told = len(here.told(theta))
     left = residual - (residual @ known) @ known.mT
     products = Products(near, left, known, draws, len(residual) - n_told)
+    # What whitening took, of draws above all.
+    hand_back()
     felt = known.mT @ residual
 
     def makes_room(taken: Tensor) -> Tensor:
