@@ -1,5 +1,6 @@
 """Parameters and specimen fitted at once: what a fit finds of a plate that is not quite the one that was meant."""
 
+import gc
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,12 +8,14 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from torchplate.diagnosis import joint as fitted_at_once
 from torchplate.diagnosis.basins import fit_from_the_box
 from torchplate.diagnosis.fit import Beat, fit
 from torchplate.diagnosis.joint import Joint
 from torchplate.diagnosis.judged import settled
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
+from torchplate.discrepancy import Marginal
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import Imperfections
 from torchplate.measurement.noise import Noise, noise_level
@@ -367,3 +370,49 @@ def test_records_that_drift_and_channels_of_another_level_are_read_as_one_test(w
     )
     # χ²/n of some 8,000 numbers scatters by 1.6 %; resonances that are found leave a little.
     assert float(marginal.whitened(marginal.residual(rest)).square().mean()) < 1.1
+
+
+@torch.no_grad()
+def test_columns_of_the_specimen_are_not_held_while_the_next_are_made(workshop, monkeypatch):
+    """Each as long as all FRFs: of 121 of them they are 55 MiB. After the way none are held at all."""
+    made = fitted_at_once.specimen_columns
+    n_off, n = len(workshop.specimens.names), 2 * workshop.frf.numel()
+    held: list[int] = []
+
+    def n_held() -> int:
+        gc.collect()
+        every = [one for one in gc.get_objects() if type(one) is torch.Tensor]
+        return len({one.untyped_storage().data_ptr() for one in every if one.shape == (n_off, n)})
+
+    def columns(*told, **more):
+        held.append(n_held())
+        return made(*told, **more)
+
+    before = n_held()
+    monkeypatch.setattr(fitted_at_once, "specimen_columns", columns)
+    way = Joint(workshop.builder, workshop.builder.given, workshop.specimens, {})
+    way.descend_sharply(workshop.builder.given.space.to_cube(TRUTH), 0.5 * workshop.shift)
+    assert len(held) > 2
+    assert set(held) == {before}
+    assert n_held() == before
+
+
+@torch.no_grad()
+def test_columns_are_whitened_some_at_a_time_and_come_out_as_all_at_once(workshop, monkeypatch):
+    sharp, position = workshop.builder.target.levels - 1, workshop.builder.given.space.to_cube(TRUTH)
+    asked: list[int] = []
+    over_noise = Marginal.over_noise
+
+    def counted(own: Marginal, off: torch.Tensor) -> torch.Tensor:
+        asked.append(len(off) if off.ndim > 3 else 1)
+        return over_noise(own, off)
+
+    def slope() -> torch.Tensor:
+        way = Joint(workshop.builder, workshop.builder.given, workshop.specimens, {})
+        return way._jacobian(position, workshop.shift, None, sharp, way._beside(position, workshop.shift, None))
+
+    monkeypatch.setattr(Marginal, "over_noise", counted)
+    found = slope()
+    assert max(asked) <= fitted_at_once.AT_ONCE < len(workshop.specimens.names)
+    monkeypatch.setattr(fitted_at_once, "AT_ONCE", len(workshop.specimens.names))
+    assert torch.allclose(slope(), found, rtol=1e-9, atol=1e-9 * float(found.abs().max()))

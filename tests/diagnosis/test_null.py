@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.selection.null import drawn, falls, once_in_a_hundred
+from torchplate.diagnosis.selection.null import Draws, falls, once_in_a_hundred
 from torchplate.diagnosis.selection.products import Products, best_of_places
 from torchplate.diagnosis.selection.screen import screen
 
@@ -16,18 +16,21 @@ def random(*shape: int, seed: int = 3) -> torch.Tensor:
 def test_parameters_of_one_effect_take_what_their_number_says(n):
     draws = random(4000, 60)
     change = random(n, 60, seed=n) * torch.logspace(-2, 2, n, dtype=torch.float64)[:, None]
-    found = falls(change, draws)
+    found = falls(change, change @ draws.mT)
     # Chi squared with as many degrees of freedom as there are parameters.
     assert float(found.mean()) == pytest.approx(n, rel=0.06)
     assert float(found.var()) == pytest.approx(2 * n, rel=0.15)
     # One that says the same again adds nothing.
-    assert torch.allclose(falls(torch.cat([change, 2 * change]), draws), found)
+    twice = torch.cat([change, 2 * change])
+    assert torch.allclose(falls(twice, twice @ draws.mT), found)
+    # The square of what lies in the space of the changes.
+    basis = torch.linalg.qr(change.mT)[0]
+    assert torch.allclose((draws @ basis).square().sum(-1), found)
 
 
 def test_the_best_of_many_places_takes_more_than_one_of_them():
-    draws, places = random(2000, 80), random(49, 80, seed=5)
-    nothing = draws.new_zeros(80, 0)
-    products = Products(None, draws[0], nothing, draws, 80)
+    places, left = random(49, 80, seed=5), random(80)
+    products = Products(None, left, left.new_zeros(80, 0), Draws(80, n_draw=2000), 80)
     one, best = (best_of_places(products.of(places[:n])) for n in (1, 49))
     assert float(one.mean()) == pytest.approx(1.0, rel=0.1)
     # The largest of 49 squares of normal numbers: 1 − (1 − 1/98)-quantile squared.
@@ -36,14 +39,17 @@ def test_the_best_of_many_places_takes_more_than_one_of_them():
 
 
 def test_what_says_nothing_takes_nothing():
-    assert not falls(torch.zeros(2, 9, dtype=torch.float64), random(7, 9)).any()
+    assert not falls(torch.zeros(2, 9, dtype=torch.float64), random(2, 7)).any()
     assert once_in_a_hundred(torch.zeros(0, 7, dtype=torch.float64)) == 0.0
 
 
 def test_what_chance_leaves_is_white():
-    found = drawn(1200, n_told=2)
+    found = torch.cat(list(Draws(1200, n_told=2).split(16)))
     assert found.shape == (200, 1202)
     assert float(found.square().mean()) == pytest.approx(1.0, abs=0.01)
+    # The same each time they are asked for, however many at a time.
+    assert torch.equal(torch.cat(list(Draws(1200, n_told=2).split(40))), found)
+    assert not torch.equal(torch.cat(list(Draws(1200, n_told=2, seed=1).split(40))), found)
     # Lines are independent of each other.
     assert abs(float((found[:, :-2] * found[:, 2:]).mean())) < 0.01
 
@@ -59,7 +65,7 @@ def test_what_chance_takes_of_the_catalogue_is_a_few_numbers_worth(lab):
         target = scene.builder.target.with_mesh_error(torch.full_like(lab.SMALL_LINES, shift), 0.0, 10)
         builder = scene.builder.against(target)
         marginal = target.marginal(state.fit.reduced, state.fit.theta)
-        draws = drawn(2 * target.measured.numel())
+        draws = Draws(2 * target.measured.numel())
         scored = screen(builder, base, state.fit.theta, every, {}, near=marginal, draws=draws)
         # The best of three, one of them at many places: in a hundredth χ² of one exceeds 6.6, that of four 13.3.
         assert 9 < once_in_a_hundred(torch.stack([one.by_chance for one in scored])) < 25

@@ -2,6 +2,7 @@
 
 import copy
 
+import numpy as np
 import pytest
 import torch
 
@@ -121,3 +122,30 @@ def test_the_estimate_is_the_same_where_responses_and_references_change_places(p
         assert columns == [2 * n_line] * len(theta)
     # Reciprocity, of the estimate too; rounding of the bases' columns in another order.
     torch.testing.assert_close(*estimates, rtol=1e-5, atol=0)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_correction_is_what_the_static_flexibility_makes_of_both_residuals(plates, turned: bool) -> None:
+    """δα = r_jᵀ K⁻¹ r_k, the residuals laid out; beside the flexibility of another plate no term of it vanishes."""
+    model, reduced, theta, frequency = made(plates, MESHES["rectangle"], margin=1.1)
+    own, nominal = SparseModel(model, theta[0]), SparseModel(model, theta[3])
+    laplace = 2j * torch.pi * frequency[::20].to(torch.complex128)
+    basis = reduced.assembly.basis.numpy()
+    generator = torch.Generator().manual_seed(5)
+    rows = [
+        torch.randn(n, len(basis), generator=generator, dtype=torch.float64) for n in ((2, 3) if turned else (3, 2))
+    ]
+    found = error_estimate._corrected(own, nominal, reduced, laplace, *rows).numpy()
+
+    parts, weight = own.impedance_parts(laplace)
+    flexible = nominal.solve(np.eye(len(basis)))
+    plain = np.empty_like(found)
+    expected = np.empty_like(found)
+    for line, factor in enumerate(weight.T):
+        stiffness = sum(one * part.toarray() for one, part in zip(factor, parts, strict=True))
+        motion = [basis @ np.linalg.solve(basis.T @ stiffness @ basis, basis.T @ row.numpy().T) for row in rows]
+        left = [row.numpy().T - stiffness @ x for row, x in zip(rows, motion, strict=True)]
+        plain[line] = rows[0].numpy() @ motion[1]
+        expected[line] = plain[line] + left[0].T @ flexible @ left[1]
+    # Rounding of solves with a stiffness of condition 1e8.
+    assert np.abs(found - expected).max() < 1e-6 * np.abs(expected - plain).max()

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from torchplate.plate import Mesh
-from torchplate.plate.added_mass import POINT_WEIGHT, _points, dragged, influence, lattice
+from torchplate.plate.added_mass import POINT_WEIGHT, _points, dragged, influence, interlaced, lattice, panels
 
 
 def of_translation(length_x: float, length_y: float, n_panel: int = 20) -> float:
@@ -82,3 +82,18 @@ def test_two_points_of_a_panel_hold_what_a_cubic_has_over_it():
     for power in (1, 2, 3):
         mean = (edge.pow(power + 1)).diff() / ((power + 1) * edge.diff())
         torch.testing.assert_close(0.5 * (left.pow(power) + right.pow(power)), mean, rtol=1e-12, atol=0.0)
+
+
+def test_the_air_is_felt_at_the_control_point_of_each_panel_and_at_gauss_s_four():
+    sides = (0.58, 0.213)
+    place = lattice(*sides, n_panel=12)[0]
+    (edge_x, x), (edge_y, y) = (interlaced(1.0, n) for n in panels(*sides, 12))
+    # Panels count along x first; places are relative.
+    across, along = (one.flatten() for one in torch.meshgrid(y, x, indexing="ij"))
+    torch.testing.assert_close(place[:, 0], torch.stack([along, across], dim=-1), rtol=1e-12, atol=1e-15)
+    # The mean over a panel of what is linear in x, in y and in both is that of its four other points.
+    middle = [0.5 * (edge[1:] + edge[:-1]) for edge in (edge_x, edge_y)]
+    across, along = (one.flatten() for one in torch.meshgrid(middle[1], middle[0], indexing="ij"))
+    four = place[:, 1:]
+    torch.testing.assert_close(four.mean(1), torch.stack([along, across], dim=-1), rtol=1e-12, atol=0.0)
+    torch.testing.assert_close(four.prod(-1).mean(-1), along * across, rtol=1e-12, atol=0.0)

@@ -1,6 +1,8 @@
 """Levenberg-Marquardt on the unit cube: against SciPy, against itself one start at a time, and against the theory."""
 
+import gc
 import math
+import sys
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -526,3 +528,57 @@ def test_an_unusable_residual_is_refused_with_what_to_do(residual, message):
 def test_a_start_outside_the_cube_is_refused():
     with pytest.raises(ValueError, match=r"outside \[0, 1\]\. Scale it first"):
         least_squares(decay, tensor(0.2, 1.2, 0.1, 0.4))
+
+
+def wave(x: Tensor, n: int = 900) -> Tensor:
+    """Two parameters and many residuals that do not vanish."""
+    time = torch.linspace(0.0, 3.0, n, dtype=torch.float64)
+    a, b = x.unsqueeze(-2).unbind(dim=-1)
+    return a.unsqueeze(-1).squeeze(-2) * torch.sin((1 + 2 * b).unsqueeze(-1).squeeze(-2) * time) - 0.6 * time.cos()
+
+
+def test_many_residuals_are_factored_some_at_a_time_and_come_out_as_all_at_once(monkeypatch):
+    start, sizes = tensor(0.3, 0.4).expand(2, 2) + tensor(0.0, 0.2)[:, None], []
+    qr = torch.linalg.qr
+
+    def counted(rows: Tensor, *told: str, **more: str) -> Tensor:
+        sizes.append(rows.shape[-2])
+        return qr(rows, *told, **more)
+
+    whole = least_squares(wave, start)
+    monkeypatch.setattr(torch.linalg, "qr", counted)
+    monkeypatch.setattr(sys.modules["torchplate.search.least_squares"], "ROWS_AT_ONCE", 128)
+    parts = least_squares(wave, start)
+    assert max(sizes) <= 128
+    assert sizes.count(128) > 7
+    assert all(status.settled for status in parts.status)
+    assert torch.allclose(parts.position, whole.position, rtol=1e-9)
+    assert torch.allclose(parts.objective, whole.objective, rtol=1e-12)
+
+
+def test_a_jacobian_that_is_not_asked_for_is_not_held_while_the_next_is_made():
+    n, start, held = 901, tensor(0.3, 0.4)[None], []
+
+    def n_held() -> int:
+        gc.collect()
+        every = [one for one in gc.get_objects() if type(one) is Tensor]
+        return len({one.untyped_storage().data_ptr() for one in every if one.untyped_storage().nbytes() == 8 * n * 2})
+
+    def jacobian(x: Tensor) -> Tensor:
+        held.append(n_held())
+        time = torch.linspace(0.0, 3.0, n, dtype=torch.float64)
+        a, pulsation = x[:, :1], 1 + 2 * x[:, 1:]
+        return torch.stack([(pulsation * time).sin(), 2 * a * time * (pulsation * time).cos()], dim=-1)
+
+    spared = least_squares(lambda x: wave(x, n), start, jacobian=jacobian, keep_jacobian=False)
+    assert len(held) > 2
+    assert max(held) == 0
+    assert spared.status[0].settled
+    assert spared.jacobian.shape == (1, 0, 2)
+    with pytest.raises(ValueError, match="keep_jacobian=True"):
+        _ = spared.normal_matrix
+    held.clear()
+    kept = least_squares(lambda x: wave(x, n), start, jacobian=jacobian)
+    assert max(held) == 1
+    assert torch.equal(spared.position, kept.position)
+    assert kept.normal_matrix.shape == (1, 2, 2)

@@ -12,6 +12,7 @@
   the ways down; `judged`: it beside noise and nuisances; `basins`: where it begins when nothing is known.
 - `localisation`: where the misfit sits: in frequency, in the channels, on the plate, and of which kind it is.
 - `field`: where nothing of the catalogue accounts for what is left, a map without a name.
+- `freed_memory`: goes back to the system before much more is taken.
 - `assurance`: FRAC, CSAC, CSF and FDAC of what was measured with a model.
 - `next_measurement`: the cheapest measurement that would part equivalents.
 - `summary`: what is said of all this; `before_and_after`: of any two fits of one test; `naming`: of an effect that is

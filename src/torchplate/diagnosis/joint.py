@@ -22,6 +22,8 @@ from torchplate.discrepancy import Found, Marginal, OfChannels, Specimens, speci
 from torchplate.model import PlateModel
 from torchplate.search import JACOBIANS, Descent, least_squares, recalled
 
+# Columns of the specimen that are whitened together.
+AT_ONCE = 8
 # Position of the parameters on the unit cube, and shift of the specimen in standard deviations.
 Place = tuple[Float[Tensor, " n"], Float[Tensor, " n_off"]]
 
@@ -123,9 +125,10 @@ class Joint:
                 # Rounding on the unit cube.
                 step_tolerance=1e-7,
                 damping=damping,
+                keep_jacobian=False,
             )
             n_evaluation = self.builder.n_evaluation - before
-            return Descent(start, ended.position, ended.objective, n_evaluation, ended.jacobian)
+            return Descent(start, ended.position, ended.objective, n_evaluation)
 
         # What a descent does hangs on its start alone, so that it can be recalled.
         self._before = None
@@ -191,6 +194,7 @@ class Joint:
         if noise > settings.lost:
             cost, here, channels, marginal = best
         slope = self._jacobian(*here, channels, sharp, marginal)
+        self._before = None
         # Of the specimen where the parameters are what they are: what is not linear in it alone is what it adds.
         own = slope[:, len(position) :]
         # Its prior is among the rows, so that nothing is left unknown.
@@ -346,12 +350,18 @@ class Joint:
             near = at == level and beside is marginal
             if near and float((prediction - there).norm()) <= self.settings.still * float(prediction.norm()):
                 return known
+            del known
+        # Those are not needed any more while the next ones are made.
+        self._before = None
         frequency, decay = target.lines(level)
         columns = specimen_columns(problem.model, theta, frequency, self.specimens, decay).movedim(-1, 0)
         if target.gain_is_unknown:
             columns = columns * target.gain_of(problem.model, theta)
         if marginal is not None:
-            found = marginal.whitened(marginal.over_noise(columns)).neg_()
+            found = columns.real.new_empty(len(columns), 2 * columns[0].numel())
+            # Some at a time: over the noise they need not be held beside what is made of them.
+            for some, whitened in zip(columns.split(AT_ONCE), found.split(AT_ONCE), strict=True):
+                torch.neg(marginal.whitened(marginal.over_noise(some)), out=whitened)
         else:
             found = target.residual(columns, level) - target.residual(torch.zeros_like(columns[:1]), level)
         self._before = found, prediction, marginal, level

@@ -19,8 +19,10 @@ from torchplate.discrepancy import UNIFORM, Found, Judged, Marginal, Specimens, 
 from torchplate.model import PlateModel
 from torchplate.search import JACOBIANS
 
-# Noise and nuisances that were made last, which are likely to be asked for again.
-LAST: deque[Marginal] = deque(maxlen=3)
+# Noise and nuisances that were made last, which are likely to be asked for again: so many at most, and no more than the
+# newest beyond so many bytes of their columns (128 MiB).
+N_LAST, MOST_KEPT = 3, 2**27
+LAST: deque[Marginal] = deque(maxlen=N_LAST)
 
 
 class Beside:
@@ -38,19 +40,26 @@ class Beside:
     """
 
     def __init__(self, make: Callable[[], Marginal]) -> None:
-        found = make()
+        found = _made(make)
         self._make, self._made = make, weakref.ref(found)
         self.about, self.scale = found.about, found.scale
-        LAST.append(found)
 
     def __call__(self) -> Marginal:
         """As they are."""
         found = self._made()
         if found is None:
-            found = self._make()
+            found = _made(self._make)
             self._made = weakref.ref(found)
-            LAST.append(found)
         return found
+
+
+def _made(make: Callable[[], Marginal]) -> Marginal:
+    """What is made, kept beside the last ones as far as these are not too large."""
+    found = make()
+    LAST.append(found)
+    while len(LAST) > 1 and sum(one.nbytes for one in LAST) > MOST_KEPT:
+        LAST.popleft()
+    return found
 
 
 def beside(

@@ -16,6 +16,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from torchplate.diagnosis.freed_memory import hand_back
 from torchplate.diagnosis.settings import SETTINGS, DiagnosisSettings
 from torchplate.diagnosis.smoothing import Smoothing
 from torchplate.discrepancy import (
@@ -225,6 +226,8 @@ class FrfTarget:
             about: how far off the specimen is that it is.
             specimen: whether it may be any further off.
         """
+        # Its columns are most of the memory of a diagnosis.
+        hand_back()
         if about is not None and about.channels is not None and self.noise.resonances is None:
             # Without resonances no drift can be taken off what was measured.
             about = about._replace(channels=about.channels.without_drift())

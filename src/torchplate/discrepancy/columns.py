@@ -101,5 +101,10 @@ class Columns:
         return (whole + other.reshape(n_reference, n_line, n_response, 2).movedim(0, 2)).sum(-1)
 
     @property
+    def nbytes(self) -> int:
+        """What they take of memory."""
+        return sum(one.nbytes for one in self._parts)
+
+    @property
     def _parts(self) -> tuple[Tensor, Tensor, Tensor]:
         return self._common, self._own, self._other

@@ -112,6 +112,11 @@ class Marginal:
         scales = [self.scale.get(name, 1.0) for name in self.names]
         self._half = self._whitener(self._root(torch.tensor(scales, dtype=torch.float64)))
 
+    @property
+    def nbytes(self) -> int:
+        """What its columns take of memory."""
+        return self._columns.nbytes
+
     def _power_of_levels(self, like: Tensor) -> Float[Tensor, "n_response n_reference"]:
         """Squares of the levels of each FRF about which residuals are taken."""
         one = like.new_ones(like.shape[1:])

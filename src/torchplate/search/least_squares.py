@@ -31,6 +31,8 @@ LEAST_DAMPING = 1e-14
 
 Against the squared singular values of the scaled Jacobian it is without effect up to a condition number of 1e6.
 """
+ROWS_AT_ONCE = 2**14
+"""Rows of J that are factored at a time: at forty columns 5 MiB, which a processor's cache holds."""
 
 
 _STATUSES = list(LeastSquaresStatus)
@@ -49,6 +51,7 @@ def least_squares(
     objective_tolerance: float = 1e-14,
     damping: float = 1e-3,
     shared: bool = True,
+    keep_jacobian: bool = True,
     on_iteration: Callable[[LeastSquaresProgress], object] | None = None,
 ) -> LeastSquaresOutcome:
     """Minimise ½ Σ r² over the unit cube from each start.
@@ -86,10 +89,12 @@ def least_squares(
         shared: Whether every start fits the same residual: only those starts are evaluated that need it, as positions
             [n_start, n_dimension]. False for residuals with data of their own for each start, [*batch, n_residual]:
             positions then always end in [*batch, n_dimension].
+        keep_jacobian: Whether J at the end is wanted. Without it no J is held while the next one is made, which
+            of many residuals is most of the memory.
         on_iteration: Called with a `LeastSquaresProgress` for the start and after each iteration.
 
     Returns:
-        The place of each start, what it cost, why it stopped, and J there.
+        The place of each start, what it cost, why it stopped, and J there; without rows where it is not kept.
 
     Raises:
         ValueError: A start outside the unit cube, a budget that pays for nothing, a residual or Jacobian of the wrong
@@ -110,7 +115,12 @@ def least_squares(
     every = torch.arange(len(position), device=position.device)
     count = torch.zeros_like(every)
     first = problem.residual_at(position, every)
-    here = _Place.of(position, first, problem.jacobian_at(position, first, every))
+
+    def place(position: Tensor, residual: Tensor, rows: Tensor) -> _Place:
+        found = _Place.of(position[rows], residual[rows], problem.jacobian_at(position, residual, rows))
+        return found if keep_jacobian else found.without_jacobian()
+
+    here = place(position, first, every)
     n_spent, n_jacobian, n_tried = count + 1 + price, count + 1, count.clone()
     status = torch.where(here.is_number(), _RUNNING, _STATUSES.index(LeastSquaresStatus.no_number))
     scale = here.column_norm.clone()
@@ -153,7 +163,7 @@ def least_squares(
         taken = (promised > 0.0) & (fall > MIN_GAIN * promised)
         moving = rows[taken]
         if len(moving):
-            there = _Place.of(trial[moving], tried[moving], problem.jacobian_at(trial, tried, moving))
+            there = place(trial, tried, moving)
             n_spent[moving] += price
             n_jacobian[moving] += 1
             sound = there.is_number()
@@ -192,6 +202,28 @@ def least_squares(
     )
 
 
+def _triangular(
+    jacobian: Float[Tensor, "n_start n_residual n_dimension"], residual: Float[Tensor, "n_start n_residual"]
+) -> Float[Tensor, "n_start n_row n_both"]:
+    """R of [J r] = QR, some rows after others: a copy of all of them is never made.
+
+    R of the factors of all parts, one below the other, is that of the whole but for signs (Demmel, Grigori, Hoemmen and
+    Langou, SIAM J. Scientific Computing 34, 2012, A206: TSQR).
+    """
+
+    def factor(rows: Tensor) -> Tensor:
+        return torch.linalg.qr(rows, mode="r").R
+
+    # Parts that have more rows than columns, so that their factors are small.
+    n_row = max(ROWS_AT_ONCE, 4 * (jacobian.shape[-1] + 1))
+    # Without numbers there is nothing to factor, and LAPACK need not see NaN.
+    parts = [
+        factor(torch.cat((some, of_some.unsqueeze(-1)), dim=-1).nan_to_num_(0.0, 0.0, 0.0))
+        for some, of_some in zip(jacobian.split(n_row, dim=1), residual.split(n_row, dim=1), strict=True)
+    ]
+    return parts[0] if len(parts) == 1 else factor(torch.cat(parts, dim=1))
+
+
 def _spread(rows: Tensor, where: Tensor, like: Tensor) -> Tensor:
     """A mask over some rows as a mask over all of them."""
     mask = torch.zeros_like(like, dtype=torch.bool)
@@ -224,9 +256,7 @@ class _Place(NamedTuple):
 
     @classmethod
     def of(cls, position: Tensor, residual: Tensor, jacobian: Tensor) -> "_Place":
-        # Without numbers there is nothing to factor, and LAPACK need not see NaN.
-        joint = torch.cat((jacobian, residual.unsqueeze(-1)), dim=-1).nan_to_num_(0.0, 0.0, 0.0)
-        factor = torch.linalg.qr(joint, mode="r").R
+        factor = _triangular(jacobian, residual)
         return cls(
             position=position,
             residual=residual,
@@ -240,7 +270,8 @@ class _Place(NamedTuple):
 
     def without_jacobian(self) -> "_Place":
         """A step is found from R alone; J is the largest of all."""
-        return self._replace(jacobian=self.jacobian[:, :0])
+        nothing = self.jacobian.new_empty(len(self.jacobian), 0, self.jacobian.shape[-1])
+        return self._replace(jacobian=nothing)
 
     def at(self, rows: Tensor) -> "_Place":
         return _Place(*(field[rows] for field in self))

@@ -55,7 +55,7 @@ class LeastSquaresOutcome(NamedTuple):
         n_iteration: Steps tried, those that were refused included.
         status: Why each start stopped, in row-major order of the batch; one entry where there is no batch.
         residual: r at the position.
-        jacobian: J = ∂r/∂position there, columns of the held parameters too.
+        jacobian: J = ∂r/∂position there, columns of the held parameters too; without rows where it is not kept.
     """
 
     position: Float[Tensor, "*batch n_dimension"]
@@ -67,11 +67,17 @@ class LeastSquaresOutcome(NamedTuple):
     n_iteration: Int[Tensor, "*batch"]
     status: tuple[LeastSquaresStatus, ...]
     residual: Float[Tensor, "*batch n_residual"]
-    jacobian: Float[Tensor, "*batch n_residual n_dimension"]
+    jacobian: Float[Tensor, "*batch n_kept n_dimension"]
 
     @property
     def normal_matrix(self) -> Float[Tensor, "*batch n_dimension n_dimension"]:
-        """JᵀJ: times 1/σ² the information that residuals of standard deviation σ hold on the position."""
+        """JᵀJ: times 1/σ² the information that residuals of standard deviation σ hold on the position.
+
+        Raises:
+            ValueError: if J was not kept.
+        """
+        if self.jacobian.shape[-2] != self.residual.shape[-1]:
+            raise ValueError("The normal matrix needs the jacobian, which was not kept. Set keep_jacobian=True.")
         return self.jacobian.mT @ self.jacobian
 
 

@@ -8,6 +8,8 @@ Sources: Davison and Hinkley, Bootstrap Methods and their Application (1997), ch
 fitted null; Gross and Vitells, European Physical Journal C 70 (2010) 525, on the best of many places.
 """
 
+from collections.abc import Iterator
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -18,34 +20,53 @@ from torchplate.diagnosis.settings import SETTINGS
 PARALLEL = 1e-6
 
 
-def drawn(n_residual: int, n_told: int = 0, seed: int = 0) -> Float[Tensor, "n_draw n_all"]:
+class Draws:
     """Residuals at the sharp level as chance makes them where nothing is missing: noise and nuisances whitened.
+
+    They are made a few at a time, the same ones each time: of many FRFs all at once would be hundreds of megabytes.
 
     Args:
         n_residual: how many there are.
         n_told: parameters that something is known of beforehand, each off by as much as that says.
         seed: of the draws.
+        n_draw: how many; left out, those of the settings.
     """
-    generator = torch.Generator().manual_seed(seed)
-    return torch.randn(SETTINGS.screening.n_draw, n_residual + n_told, generator=generator, dtype=torch.float64)
+
+    def __init__(self, n_residual: int, n_told: int = 0, seed: int = 0, n_draw: int | None = None) -> None:
+        self._n, self._seed = n_residual + n_told, seed
+        self._n_draw = SETTINGS.screening.n_draw if n_draw is None else n_draw
+
+    def __len__(self) -> int:
+        return self._n_draw
+
+    def split(self, at_once: int) -> Iterator[Float[Tensor, "n_some n_all"]]:
+        """So many at a time, in their order."""
+        generator = torch.Generator().manual_seed(self._seed)
+        for begin in range(0, len(self), at_once):
+            n_some = min(at_once, len(self) - begin)
+            yield torch.randn(n_some, self._n, generator=generator, dtype=torch.float64)
 
 
 def falls(
-    change: Float[Tensor, "n_member n_residual"], draws: Float[Tensor, "n_draw n_residual"]
+    change: Float[Tensor, "n_member n_residual"], drawn: Float[Tensor, "n_member n_draw"]
 ) -> Float[Tensor, " n_draw"]:
     """What one effect, whose members add up as parameters do, would take from the sum of squares of each draw.
 
+    With D the changes of unit length and D = V S Lᵀ, that is |Lᵀ z|² of a draw z, and Lᵀ z = S⁻¹ Vᵀ (D z): the draws
+    themselves are not asked for.
+
     Args:
         change: of each member, freed of what the fitted parameters can do.
-        draws: residuals.
+        drawn: inner product of each with each draw.
     """
     size = change.norm(dim=-1)
-    kept = change[size > PARALLEL * size.max().clamp(min=1e-300)]
-    if not len(kept):
-        return draws.new_zeros(len(draws))
-    direction = kept / kept.norm(dim=-1, keepdim=True)
-    left, singular, _ = torch.linalg.svd(direction.mT, full_matrices=False)
-    return (draws @ left[:, singular > PARALLEL * singular[0]]).square().sum(-1)
+    which = size > PARALLEL * size.max().clamp(min=1e-300)
+    if not bool(which.any()):
+        return drawn.new_zeros(drawn.shape[-1])
+    left, singular, _ = torch.linalg.svd(change[which] / size[which, None], full_matrices=False)
+    kept = singular > PARALLEL * singular[0]
+    along = left[:, kept].mT @ (drawn[which] / size[which, None])
+    return (along / singular[kept, None]).square().sum(0)
 
 
 def once_in_a_hundred(best: Float[Tensor, "n_effect n_draw"]) -> float:

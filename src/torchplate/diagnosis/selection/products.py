@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.diagnosis.selection.null import PARALLEL
+from torchplate.diagnosis.selection.null import PARALLEL, Draws
 from torchplate.discrepancy import Marginal
 
 # Draws of chance that are whitened together.
@@ -28,13 +28,18 @@ class Product(NamedTuple):
         along: inner product of each, freed, with what is left.
         size: square of each, freed.
         known: of each with the basis of what the fitted parameters can do.
-        fall: what each alone would take from the sum of squares of each draw.
+        drawn: of each, freed, with each draw.
     """
 
     along: Float[Tensor, " n_member"]
     size: Float[Tensor, " n_member"]
     known: Float[Tensor, "n_member n_known"]
-    fall: Float[Tensor, "n_member n_draw"]
+    drawn: Float[Tensor, "n_member n_draw"]
+
+    @property
+    def fall(self) -> Float[Tensor, "n_member n_draw"]:
+        """What each alone would take from the sum of squares of each draw."""
+        return self.drawn.square() / self.size[:, None]
 
 
 class Products:
@@ -53,7 +58,7 @@ class Products:
         marginal: Marginal | None,
         left: Float[Tensor, " n_residual"],
         known: Float[Tensor, "n_residual n_known"],
-        draws: Float[Tensor, "n_draw n_residual"] | None,
+        draws: Draws | None,
         n: int,
     ) -> None:
         self._marginal, self._known, self._n = marginal, known, n
@@ -62,7 +67,7 @@ class Products:
         beside = left.new_empty(len(rows) + n_draw, n)
         beside[: len(rows)] = self.whitened(rows)
         if draws is not None:
-            # A few at a time: whitening takes several times the memory of what it whitens.
+            # A few at a time: whitening takes several times the memory of what it whitens, and draws are not kept.
             for here, some in zip(beside[len(rows) :].split(AT_ONCE), draws.split(AT_ONCE), strict=True):
                 here[:] = self.whitened((some - (some @ known) @ known.mT)[:, :n])
         self._beside = beside.mT
@@ -85,7 +90,7 @@ class Products:
         if self._marginal is not None:
             whole = whole - self._marginal.hidden(change)
         size = (whole - known.square().sum(-1)).clamp(min=1e-280)
-        return Product(along[:, 0], size, known, drawn.square() / size[:, None])
+        return Product(along[:, 0], size, known, drawn)
 
 
 def best_of_places(found: Product) -> Float[Tensor, " n_draw"]:

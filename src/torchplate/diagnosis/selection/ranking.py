@@ -18,7 +18,7 @@ from torchplate.diagnosis.selection.afar import FromAfar
 from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_noise, known_section, weight_of
 from torchplate.diagnosis.selection.grounded import Grounded
 from torchplate.diagnosis.selection.instead import Instead
-from torchplate.diagnosis.selection.null import drawn, once_in_a_hundred
+from torchplate.diagnosis.selection.null import Draws, once_in_a_hundred
 from torchplate.diagnosis.selection.refit import Refits
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
 from torchplate.diagnosis.selection.shortlist import best_of_each, contained, kept, promising
@@ -304,12 +304,12 @@ class Ranking:
         wanted = -(-2 * n_line * n_frf // screening.most_numbers)
         return max(1, min(wanted, n_line // (screening.per_mode * target.n_mode)))
 
-    def _by_chance(self, state: State, target: FrfTarget) -> Tensor | None:
+    def _by_chance(self, state: State, target: FrfTarget) -> Draws | None:
         """Residuals that chance alone makes, where what is left is not far above it; None elsewhere."""
         if not state.fit.by_noise or state.fit.reduced_misfit > self.settings.selecting.doubtful:
             return None
         n_told = int((state.fit.told > 0).sum())
-        return drawn(2 * target.measured.numel(), n_told)
+        return Draws(2 * target.measured.numel(), n_told)
 
     def _again(self, state: State) -> list[Hypothesis]:
         """What came near in the ranking before, beside what was named there, from where it ended."""

@@ -18,9 +18,10 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate, distance, vector
+from torchplate.diagnosis.freed_memory import hand_back
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem
-from torchplate.diagnosis.selection.null import falls
+from torchplate.diagnosis.selection.null import Draws, falls
 from torchplate.diagnosis.selection.products import Product, Products, best_of_places
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.discrepancy import Marginal
@@ -62,7 +63,7 @@ def screen(
     everyone: Sequence[Candidate],
     prior: Prior,
     near: Marginal | None = None,
-    draws: Float[Tensor, "n_draw n_residual"] | None = None,
+    draws: Draws | None = None,
     says: Complex[Tensor, "n_frequency n_response n_reference"] | None = None,
 ) -> list[Scored]:
     """Score all candidates, the most promising first.
@@ -79,6 +80,7 @@ def screen(
         says: what the baseline is better known to say; left out, what it says in the basis. Changes beside it are those
             of the basis.
     """
+    hand_back()
     level = builder.target.levels - 1 if near is not None else builder.target.settings.wide.screened
     here = Problem(builder, base, prior, near)
     position = base.space.to_cube(theta)
@@ -98,6 +100,8 @@ def screen(
     n_told = len(here.told(theta))
     left = residual - (residual @ known) @ known.mT
     products = Products(near, left, known, draws, len(residual) - n_told)
+    # What whitening took, of draws above all.
+    hand_back()
     felt = known.mT @ residual
 
     def makes_room(taken: Tensor) -> Tensor:
@@ -154,7 +158,7 @@ def screen(
         signature = freed[0 if candidate.has_place else least] / score.size[least].sqrt()
         by_chance = residual.new_zeros(0)
         if draws is not None and candidate.searched:
-            by_chance = best_of_places(score) if candidate.has_place else falls(freed, draws)
+            by_chance = best_of_places(score) if candidate.has_place else falls(freed, score.drawn)
         found.append(Scored(candidate, label, model, float(drop[best]), values[best], starts, signature, by_chance))
     return sorted(found, key=lambda one: -one.drop)
 

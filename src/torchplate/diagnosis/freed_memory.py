@@ -1,0 +1,16 @@
+"""Memory that was freed goes back to the system before much more is taken.
+
+Columns of nuisances and Jacobians of many FRFs are freed between smaller things that are not, and what is made next may
+not fit into the holes: the process would hold half as much again as is in use. The GNU C library hands whole pages in
+the holes back when it is asked; elsewhere (macOS, musl) nothing is done. Source: malloc_trim(3).
+"""
+
+import ctypes
+import sys
+
+
+def hand_back() -> None:
+    """Now: some milliseconds, and the system clears those pages again that are taken anew."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:
+        trim(ctypes.c_size_t(0))
