@@ -153,9 +153,7 @@ def corpus(folder: Path) -> dict[str, bytes]:
     )  # fmt: skip
     save_checkpoint(kept[-1], folder / "checkpoint.pt")
     start = torch.rand(2, 1, generator=draw, dtype=torch.float64)
-    DescentFile(folder / "descents.pt", {"config": "a"}).keep(
-        [Descent(start, start, start[:, 0], 3, start.new_zeros(2, 0, 1))]
-    )
+    DescentFile(folder / "descents.pt", {"config": "a"}).keep([Descent(start, start, start[:, 0], 3)])
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.name != "config.yaml"}
 
 

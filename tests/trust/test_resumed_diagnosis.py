@@ -15,7 +15,7 @@ ENOUGH = 2
 
 def descent(value: float) -> Descent:
     start = torch.full((2, 1), value, dtype=torch.float64)
-    return Descent(start, start / 2, start[:, 0], 7, start.new_zeros(2, 0, 1))
+    return Descent(start, start / 2, start[:, 0], 7)
 
 
 class TestRecall:

@@ -51,7 +51,7 @@ def test_each_descent_leaves_a_line_of_its_own(digests, tmp_path, monkeypatch):
     with recalling(Recall([], lambda _: None)):
         for end in (0.5, 0.5 + 2**-52):
             value = torch.tensor([end], dtype=torch.float64)
-            recalled(start, lambda value=value: Descent(start, start * value, value, 3, start.new_zeros(1, 0, 2)))
+            recalled(start, lambda value=value: Descent(start, start * value, value, 3))
     first, second = (line.split() for line in (tmp_path / "trail").read_text().splitlines())
     assert first[0] == second[0]
     # The last bit shows.

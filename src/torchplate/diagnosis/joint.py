@@ -123,9 +123,10 @@ class Joint:
                 # Rounding on the unit cube.
                 step_tolerance=1e-7,
                 damping=damping,
+                jacobian_at_end=False,
             )
             n_evaluation = self.builder.n_evaluation - before
-            return Descent(start, ended.position, ended.objective, n_evaluation, ended.jacobian)
+            return Descent(start, ended.position, ended.objective, n_evaluation)
 
         # What a descent does hangs on its start alone, so that it can be recalled.
         self._before = None

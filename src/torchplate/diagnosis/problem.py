@@ -89,10 +89,8 @@ class Problem:
 
     def descend(
         self, start: Float[Tensor, "n_start n"], level: int, n_iteration: int, damping: float | None = None
-    ) -> tuple[Float[Tensor, "n_start n"], Float[Tensor, " n_start"], Float[Tensor, "n_start n_residual n"]]:
-        """Places where least squares ends, half their sums of squares, and the Jacobians there.
-
-        A descent that is recalled has no rows in its Jacobian.
+    ) -> tuple[Float[Tensor, "n_start n"], Float[Tensor, " n_start"], int]:
+        """Places where least squares ends, half their sums of squares, and what it cost in evaluations.
 
         Args:
             start: positions.
@@ -115,18 +113,19 @@ class Problem:
                 # Rounding on the unit cube.
                 step_tolerance=1e-7,
                 damping=wide.damping if is_wide else sharp.damping if damping is None else damping,
+                jacobian_at_end=False,
             )
             n_evaluation = self.builder.n_evaluation - before
-            return Descent(start, found.position, found.objective, n_evaluation, found.jacobian)
+            return Descent(start, found.position, found.objective, n_evaluation)
 
         found, known = recalled(start, descend)
         if known:
             self.builder.count(found.n_evaluation)
-        return found.position, found.objective, found.jacobian
+        return found.position, found.objective, found.n_evaluation
 
     def descend_sharply(
         self, start: Float[Tensor, "n_start n"], damping: float
-    ) -> tuple[Float[Tensor, "n_end n"], Float[Tensor, " n_end"], Float[Tensor, "n_end n_residual n"]]:
+    ) -> tuple[Float[Tensor, "n_end n"], Float[Tensor, " n_end"], int]:
         """Where least squares ends at the sharp level, from the best of several starts to the end."""
         level, settings = self.target.levels - 1, self.target.settings.fitting
         if len(start) == 1:

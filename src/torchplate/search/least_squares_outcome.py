@@ -48,14 +48,14 @@ class LeastSquaresOutcome(NamedTuple):
     Attributes:
         position: The place on the unit cube; a parameter on its bound is exactly 0 or 1.
         objective: ½ Σ r² there; +inf where the start gave no number.
-        gradient: Jᵀr there, with 0 for a parameter that its bound holds back.
+        gradient: Jᵀr there, with 0 for a parameter that its bound holds back; NaN where J was not wanted.
         gradient_norm: Its Euclidean norm.
         n_evaluation: Residuals evaluated, those of the differences included.
         n_jacobian: Jacobians evaluated.
         n_iteration: Steps tried, those that were refused included.
         status: Why each start stopped, in row-major order of the batch; one entry where there is no batch.
         residual: r at the position.
-        jacobian: J = ∂r/∂position there, columns of the held parameters too.
+        jacobian: J = ∂r/∂position there, columns of the held parameters too; without rows where it was not wanted.
     """
 
     position: Float[Tensor, "*batch n_dimension"]

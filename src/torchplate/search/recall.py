@@ -22,14 +22,12 @@ class Descent(NamedTuple):
         position: where each start ended.
         objective: half the sum of squares there.
         n_evaluation: what it cost.
-        jacobian: there; not kept, so without rows where the descent is recalled.
     """
 
     start: Float[Tensor, "n_start n"]
     position: Float[Tensor, "n_start n"]
     objective: Float[Tensor, " n_start"]
     n_evaluation: int
-    jacobian: Float[Tensor, "n_start n_residual n"]
 
 
 class Recall:
@@ -49,18 +47,11 @@ class Recall:
         place = len(self._done)
         if place < len(self.past) and torch.equal(self.past[place].start, start.cpu()):
             found, known = self.past[place], True
-            found = found._replace(
-                position=found.position.to(start),
-                objective=found.objective.to(start),
-                jacobian=start.new_zeros(start.shape[0], 0, start.shape[1]),
-            )
+            found = found._replace(position=found.position.to(start), objective=found.objective.to(start))
         else:
             self.past = []
             found, known = descend(), False
-        nothing = torch.empty(len(start), 0, start.shape[1], dtype=start.dtype)
-        self._done.append(
-            Descent(start.cpu(), found.position.cpu(), found.objective.cpu(), found.n_evaluation, nothing)
-        )
+        self._done.append(Descent(start.cpu(), found.position.cpu(), found.objective.cpu(), found.n_evaluation))
         if not known:
             self.made(self._done)
         return found, known

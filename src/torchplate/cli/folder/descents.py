@@ -93,7 +93,7 @@ def _descent(start: torch.Tensor, position: torch.Tensor, objective: torch.Tenso
     """
     if start.ndim != 2 or position.shape != start.shape or objective.shape != start.shape[:1]:
         raise ValueError("shapes")
-    return Descent(start, position, objective, int(n_evaluation), start.new_zeros(start.shape[0], 0, start.shape[1]))
+    return Descent(start, position, objective, int(n_evaluation))
 
 
 def depends_on(recipe: Run, device: str) -> dict[str, Any]:
