@@ -58,6 +58,26 @@ def test_values_are_those_of_the_plain_operations(n_term: int, n_response: int, 
 
 
 @SIZES
+@pytest.mark.parametrize("moved", ["left", "right", "both"])
+def test_values_of_members_with_rows_of_their_own_are_those_of_the_plain_operations(
+    n_term: int, n_response: int, n_reference: int, moved: str, monkeypatch
+) -> None:
+    """More members than go together, and no multiple of that; once written over, arrays hold nothing of before."""
+    monkeypatch.setattr("torchplate.model.attached_sum.MEMBERS_AT_ONCE", 4)
+    rows, z, force, stretches = system(n_term, n_response, n_reference, (2, 5))
+    for side in ("left", "right") if moved == "both" else (moved,):
+        one = getattr(rows, side)
+        rows = rows._replace(**{side: one + 0.3 * random(2, 5, *one.shape, seed=31)})
+    scale = torch.complex(*(random(2, 5, N_LINE, seed=seed) for seed in (21, 22)))
+    expected = plain(rows, z, force, stretches)
+    for one in (scale, scale[:, :1, :1], ONE):
+        with torch.no_grad():
+            found = attached_sum(rows, z, force, stretches, AT_ONCE, one)
+        assert found.shape == (n_response, n_reference, 2, 5, N_LINE)
+        assert float((found - expected * one).abs().max() / (expected * one).abs().max()) < 1e-13
+
+
+@SIZES
 @BATCHES
 def test_the_gradient_is_that_of_the_plain_operations(n_term: int, n_response: int, n_reference: int, batch) -> None:
     rows, z, force, stretches = system(n_term, n_response, n_reference, batch)

@@ -27,6 +27,8 @@ from torchplate.plate import transformed
 
 # Numbers in an array that is kept from call to call.
 KEPT = 2**20
+# Members with rows of their own that go together.
+MEMBERS_AT_ONCE = 32
 
 
 class Rows(NamedTuple):
@@ -63,8 +65,10 @@ def attached_sum(
         in_single: single precision, for values alone.
     """
     moving = torch.is_grad_enabled() and any(part.requires_grad for part in rows)
-    if not rows.alike or moving or transformed():
+    if moving or transformed() or (not rows.alike and (torch.is_grad_enabled() or rows.eigenvalue.ndim > 1)):
         return _plain(rows, z, force, stretches, at_once) * scale
+    if not rows.alike:
+        return _values_of_each(rows, z, force, stretches, at_once, scale)
     if torch.is_grad_enabled():
         return _AttachedSum.apply(z, force, rows, stretches, at_once) * scale
     return _values(rows, z, force, stretches, at_once, scale, in_single)
@@ -92,6 +96,41 @@ def _values(
         own = block.attached().unflatten(-1, (*shape[:-1], -1))
         found[..., lines] = own if scale is None else own.mul_(scale[..., lines])
     return found
+
+
+def _values_of_each(
+    rows: Rows, z: Tensor, force: Tensor, stretches: Sequence[Stretch], at_once: int, scale: Tensor
+) -> Tensor:
+    """As `_values`, of members that have rows of their own: some members at a time."""
+    n_term, n_line, batch = len(force), z.shape[-1], z.shape[:-1]
+    left, right = (side.expand(*batch, *side.shape[-2:]).flatten(0, -3) for side in rows[1:])
+    n_left, n_right = left.shape[-2], right.shape[-2]
+    of_member = z.reshape(-1, n_line)
+    of_term = force.reshape(n_term, *of_member.shape)
+    n_member, n_point = min(MEMBERS_AT_ONCE, len(of_member)), min(at_once, n_line)
+    found = z.new_empty(n_left - n_term, n_right - n_term, *of_member.shape)
+    sizes = [(s.last - s.first, 0 if s.series is None else s.series.shape[-1]) for s in stretches]
+    kinds = (("real", z.real.dtype), ("feature", z.dtype), ("found", z.dtype))
+    numbers = 2 * max(near for near, _ in sizes), max(map(sum, sizes)), n_left * n_right
+    room = [
+        _room(name, n * n_member * n_point, dtype, z.device) for (name, dtype), n in zip(kinds, numbers, strict=True)
+    ]
+    for first in range(0, len(of_member), n_member):
+        members = slice(first, first + n_member)
+        pairs = pairs_of(left[members], right[members])
+        for index, ((near, slow), stretch) in enumerate(zip(sizes, stretches, strict=True)):
+            lines = slice(index * at_once, (index + 1) * at_once)
+            own, tied = of_member[members, lines], of_term[:, members, lines]
+            shapes = (2, len(own), near), (len(own), near + slow), (len(own), n_left * n_right)
+            real, feature, among = (
+                part[: torch.Size(shape).numel() * own.shape[-1]].view(*shape, own.shape[-1])
+                for part, shape in zip(room, shapes, strict=True)
+            )
+            _write_features(stretch, rows.eigenvalue, own, real, feature)
+            torch.bmm(stretch.weights(pairs), as_real(feature), out=as_real(among))
+            apart = among.view(len(own), n_left, n_right, own.shape[-1]).movedim(0, 2)
+            found[:, :, members, lines] = attach_(apart, tied)
+    return found.view(*found.shape[:2], *z.shape) * scale
 
 
 class _AttachedSum(Function):
@@ -140,21 +179,7 @@ class _Block(NamedTuple):
 
     def features(self) -> Tensor:
         """1 / (λ − z) of near modes, then T_k of the series [feature, point]."""
-        disc, first, last, series = self.stretch
-        near, slow = self.feature.split([last - first, len(self.feature) - (last - first)])
-        apart, scale = self.real
-        # The difference in double precision: beside a pole its digits are all that counts.
-        torch.sub(self.rows.eigenvalue[first:last, None], self.z.real.contiguous(), out=apart)
-        y = self.z.imag.contiguous().to(apart)
-        torch.addcmul(y * y, apart, apart, out=scale).reciprocal_()
-        torch.complex(apart.mul_(scale), scale.mul_(y), out=near)
-        if series is not None and disc is not None:
-            twice = ((self.z - disc.centre) * (2 / disc.half)).to(slow)
-            terms = slow.unbind()
-            terms[0].fill_(1)
-            torch.mul(twice, 0.5, out=terms[1])
-            for before, last, following in zip(terms, terms[1:], terms[2:], strict=False):
-                torch.mul(twice, last, out=following).sub_(before)
+        _write_features(self.stretch, self.rows.eigenvalue, self.z, self.real, self.feature)
         return self.feature
 
     def weights(self) -> Tensor:
@@ -184,6 +209,33 @@ class _Block(NamedTuple):
         )
         of_z = self.stretch.slope(feature, of_feature, self.z)
         return of_z.conj().resolve_conj(), of_force.conj().resolve_conj()
+
+
+def _write_features(stretch: Stretch, eigenvalue: Tensor, z: Tensor, real: Tensor, feature: Tensor) -> None:
+    """1 / (λ − z) of near modes, then T_k of the series.
+
+    Args:
+        stretch: that holds z.
+        eigenvalue: λ of all modes.
+        z: where [*member, point].
+        real: two arrays to write over [2, *member, near mode, point].
+        feature: takes them [*member, feature, point].
+    """
+    disc, first, last, series = stretch
+    near, slow = feature.split([last - first, feature.shape[-2] - (last - first)], dim=-2)
+    apart, scale = real
+    # The difference in double precision: beside a pole its digits are all that counts.
+    torch.sub(eigenvalue[first:last, None], z.real[..., None, :].contiguous(), out=apart)
+    y = z.imag[..., None, :].contiguous().to(apart)
+    torch.addcmul(y * y, apart, apart, out=scale).reciprocal_()
+    torch.complex(apart.mul_(scale), scale.mul_(y), out=near)
+    if series is not None and disc is not None:
+        twice = ((z - disc.centre) * (2 / disc.half)).to(slow)
+        terms = slow.unbind(-2)
+        terms[0].fill_(1)
+        torch.mul(twice, 0.5, out=terms[1])
+        for before, last_one, following in zip(terms, terms[1:], terms[2:], strict=False):
+            torch.mul(twice, last_one, out=following).sub_(before)
 
 
 def _blocks(
