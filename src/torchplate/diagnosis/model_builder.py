@@ -44,6 +44,8 @@ class ModelBuilder:
         self._finer: Assembly | None = None
         self._known: list[Extrapolated] = []
         self._as_fine: dict[Fineness, ModelBuilder] = {}
+        # The last basis of each margin, from which the next one is found.
+        self._last: dict[float, Tensor] = {}
         self.top = float(target.frequency.max())
         self.given = self.adopt(model)
 
@@ -122,7 +124,9 @@ class ModelBuilder:
             margin: modes kept, in multiples of the band's end [-]; left out, that of the settings.
         """
         margin = margin or self.target.settings.meshes.margin
-        basis = ritz_basis(model, members, torch.tensor([self.top]).to(model.known), 0, margin)
+        last = self._last.get(margin)
+        basis = ritz_basis(model, members, torch.tensor([self.top]).to(model.known), 0, margin, near=last)
+        self._last[margin] = basis
         if by_element is None:
             return model.projected(basis)
         return on_mesh(model, Assembly(self.mesh, basis, by_element, model.assembly.correction))

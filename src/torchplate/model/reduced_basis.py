@@ -236,9 +236,20 @@ def ritz_basis(
     n_mode: int,
     margin: float,
     independent: float = INDEPENDENT,
+    near: Float[Tensor, "n_free k"] | None = None,
 ) -> Float[Tensor, "n_free n_basis"]:
-    """Modes and residuals of all given members, M-orthonormal at the first."""
-    return _ritz_columns(model, theta, frequency, n_mode, margin).independent(independent)
+    """Modes and residuals of all given members, M-orthonormal at the first.
+
+    Args:
+        model: in all dofs.
+        theta: the members.
+        frequency: lines [Hz]; None where a number of modes is wanted.
+        n_mode: that number.
+        margin: modes kept, in multiples of the band's end or of the number [-].
+        independent: part of the strongest column below which one is left out [-].
+        near: a basis of a similar plate, from which its modes are found sooner.
+    """
+    return _ritz_columns(model, theta, frequency, n_mode, margin, near).independent(independent)
 
 
 class _Columns(NamedTuple):
@@ -255,14 +266,22 @@ class _Columns(NamedTuple):
         return self.stack @ self.direction[:, kept] / self.strength[kept].sqrt()
 
 
-def _ritz_columns(model: PlateModel, theta: Tensor, frequency: Tensor | None, n_mode: int, margin: float) -> _Columns:
+def _ritz_columns(
+    model: PlateModel,
+    theta: Tensor,
+    frequency: Tensor | None,
+    n_mode: int,
+    margin: float,
+    near: Tensor | None = None,
+) -> _Columns:
     top = 0.0 if frequency is None else margin * float(frequency.max())
     columns = []
     first: SparseModel | None = None
     for member in theta:
         sparse = SparseModel(model, member)
         first = first or sparse
-        modes = sparse.modes(int(margin * n_mode) if n_mode else 1, top, dense=model.assembly.size <= fine_mesh.DENSE)
+        dense = model.assembly.size <= fine_mesh.DENSE
+        modes = sparse.modes(int(margin * n_mode) if n_mode else 1, top, dense, near=near)
         count = max(int((modes.frequency <= top).sum()), min(len(modes.eigenvalue), int(margin * n_mode)))
         value = modes.eigenvalue
         while count < len(value) and value[count] - value[count - 1] < CLUSTER * value[count]:

@@ -248,7 +248,7 @@ class Ranking:
 
         Args:
             state: that leaves noise.
-            chosen: candidates with their starts, the most promising first, each after the simpler ones that it contains.
+            chosen: candidates with their starts, the most promising first, but for simpler ones that they contain.
             by_chance: fall that chance alone exceeds once in a hundred times.
         """
         above = [one for one in chosen if one[0].drop * state.fit.square > by_chance] or list(chosen[:1])
