@@ -303,10 +303,14 @@ def test_beside_noise_what_promises_no_more_than_chance_waits_for_one_that_is_ne
     def checked(by_chance: float, some: int | None = None) -> list[str]:
         return [found.label for found in scene.ranking._checked(state, chosen[:some], by_chance)]
 
-    every, above = list(PROMISED), ["gain", "mass"]
+    assert checked(20.0) == (list(PROMISED) if needed else ["gain", "mass"])
+
+    # What a larger effect contains comes before it, whatever it promises: it waits like all others.
+    chosen.insert(1, chosen.pop())
+    every, above = ["gain", "mass", "delay", "spring"], ["gain", "mass"]
     assert checked(20.0) == (every if needed else above)
     # The best is looked at whatever it promises.
-    assert checked(50.0) == (every if needed else above[:1])
+    assert checked(50.0) == (["gain", "delay", "mass", "spring"] if needed else above[:1])
     assert checked(20.0, 0) == []
 
 

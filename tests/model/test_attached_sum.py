@@ -5,6 +5,7 @@ import threading
 import pytest
 import torch
 
+from torchplate.model import attached_sum as attached_sum_module
 from torchplate.model.attach import attach
 from torchplate.model.attached_sum import Rows, attached_sum
 from torchplate.model.modal_sum import CLOSE, Disc, Stretch, modal_sum
@@ -55,6 +56,64 @@ def test_values_are_those_of_the_plain_operations(n_term: int, n_response: int, 
     assert any(stretch.series is not None for stretch in given[3])
     assert found.shape == (n_response, n_reference, *batch, N_LINE)
     assert float((found - expected).abs().max() / expected.abs().max()) < 1e-13
+
+
+@SIZES
+@pytest.mark.parametrize("moved", ["left", "right", "both"])
+def test_values_of_members_with_rows_of_their_own_are_those_of_the_plain_operations(
+    n_term: int, n_response: int, n_reference: int, moved: str, monkeypatch
+) -> None:
+    """More members than go together, and no multiple of that; once written over, arrays hold nothing of before."""
+    monkeypatch.setattr("torchplate.model.attached_sum.MEMBERS_AT_ONCE", 4)
+    rows, z, force, stretches = system(n_term, n_response, n_reference, (2, 5))
+    for side in ("left", "right") if moved == "both" else (moved,):
+        one = getattr(rows, side)
+        rows = rows._replace(**{side: one + 0.3 * random(2, 5, *one.shape, seed=31)})
+    scale = torch.complex(*(random(2, 5, N_LINE, seed=seed) for seed in (21, 22)))
+    expected = plain(rows, z, force, stretches)
+    for one in (scale, scale[:, :1, :1], ONE):
+        with torch.no_grad():
+            found = attached_sum(rows, z, force, stretches, AT_ONCE, one)
+        assert found.shape == (n_response, n_reference, 2, 5, N_LINE)
+        assert float((found - expected * one).abs().max() / (expected * one).abs().max()) < 1e-13
+
+
+@pytest.mark.parametrize(("n_term", "n_own"), [(4, 1), (5, 2), (3, 3), (2, 0)])
+@pytest.mark.parametrize("differs", ["in place", "in strength"])
+def test_values_of_members_that_differ_in_their_last_terms_are_those_of_the_plain_operations(
+    n_term: int, n_own: int, differs: str, monkeypatch
+) -> None:
+    monkeypatch.setattr("torchplate.model.attached_sum.MEMBERS_AT_ONCE", 4)
+    made = []
+    way = attached_sum_module._attached_after
+    monkeypatch.setattr(attached_sum_module, "_attached_after", lambda *own: made.append(1) or way(*own))
+    rows, z, force, _ = system(n_term, 3, 2, (7,))
+    z, force = z[:1].expand(7, -1), force[:, :1].repeat(1, 7, 1)
+    stretches = [
+        Stretch.around(Disc.around(own, rows.eigenvalue), rows.eigenvalue, CLOSE) for own in z.split(AT_ONCE, dim=-1)
+    ]
+    sides = [side.repeat(7, 1, 1) for side in rows[1:]]
+    for side in sides:
+        if differs == "in place":
+            side[:, n_term - n_own : n_term] += 0.3 * random(7, n_own, N_MODE, seed=41)
+    if differs == "in strength":
+        force[n_term - n_own :] *= 1 + random(n_own, 7, 1, seed=51)
+    rows = rows._replace(left=sides[0], right=sides[1])
+    scale = torch.complex(*(random(7, N_LINE, seed=seed) for seed in (21, 22)))
+    expected = plain(rows, z, force, stretches) * scale
+    with torch.no_grad():
+        found = attached_sum(rows, z, force, stretches, AT_ONCE, scale)
+    # Where all terms are the members' own, or they are alike but for one place, others are the way.
+    assert bool(made) == (0 < n_own < n_term)
+    assert float((found - expected).abs().max() / expected.abs().max()) < 1e-12
+    # One that is read elsewhere is one of its own.
+    made.clear()
+    sides[0][2, -1] += 0.1
+    with torch.no_grad():
+        found = attached_sum(rows._replace(left=sides[0]), z, force, stretches, AT_ONCE, scale)
+    assert not made
+    assert float((found - expected)[:-1].abs().max() / expected.abs().max()) < 1e-12
+    assert float((found - expected)[-1, :, 2].abs().max() / expected.abs().max()) > 1e-6
 
 
 @SIZES

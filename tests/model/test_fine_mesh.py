@@ -5,7 +5,8 @@ import scipy.sparse
 import scipy.sparse.linalg
 import torch
 
-from torchplate.model import SparseModel, extrapolate, fine_mesh
+from torchplate.effects import Absorber
+from torchplate.model import SparseModel, extrapolate, fine_mesh, ritz_basis
 from torchplate.model.fine_mesh import SHIFT, _solver
 from torchplate.plate import Mesh
 
@@ -49,6 +50,51 @@ def test_modes_reach_the_frequency_asked_for_and_one_beyond(model, plates):
         found = SparseModel(model, plates.nothing).modes(1, hertz).frequency
         assert float(found[-1]) > hertz
         assert torch.allclose(found, model.natural_frequencies(plates.nothing, len(found)), rtol=1e-7, atol=0)
+
+
+@pytest.mark.parametrize("hung", [False, True])
+def test_modes_are_found_from_those_of_a_similar_plate(model, plates, monkeypatch, hung):
+    """A little softer, heavier at a place, and with a mass on a spring or without one."""
+    effects = {"absorber": Absorber()} if hung else {}
+    values = {"x": 0.3, "y": 0.6, "mass": 0.01, "stiffness": 4e3, "viscous_damping": 1.0}
+    more = {f"absorber.{key}": value for key, value in values.items()} if hung else {}
+    known = model.known_values | {"plate.youngs_modulus": 0.997 * model.known_values["plate.youngs_modulus"]} | more
+    other = model.replaced(effects={**model.effects, **effects}, known=known | {"lump.mass": 0.113})
+    top = 1.001 * float(model.natural_frequencies(plates.nothing, 24)[-1])
+    near = ritz_basis(model, plates.nothing[None], torch.tensor([top / 3]).to(model.known), 0, 3.0)
+    sparse = SparseModel(other, plates.nothing)
+    expected = sparse.modes(1, top)
+    monkeypatch.delattr(scipy.sparse.linalg, "eigsh")
+    found = SparseModel(other, plates.nothing).modes(1, top, near=near)
+    n = int((expected.frequency <= top).sum())
+    assert n >= 24
+    assert int((found.frequency <= top).sum()) == n
+    assert float(found.frequency[-1]) > top
+    # Half as exact as squares of shapes; those of a third of the frequency to more digits.
+    assert torch.allclose(found.frequency[:n], expected.frequency[:n], rtol=1e-6, atol=1e-3)
+    low = expected.frequency <= top / 3
+    assert torch.allclose(found.frequency[: len(low)][low[: len(found.frequency)]], expected.frequency[low], rtol=1e-9)
+    gram = found.shape.mT @ sparse.times_mass(found.shape)
+    assert hung or torch.allclose(gram, torch.eye(len(gram), dtype=torch.float64), atol=1e-9)
+
+
+def test_no_mode_is_missed_that_the_space_it_starts_from_has_nothing_of(plates):
+    mesh = Mesh(0.42, 0.42, 13, 13)
+    model = plates.build(mesh, plates.damping_of_every_kind(mesh))
+    whole = SparseModel(model, plates.nothing)
+    every = whole.modes(30)
+    top = 1.001 * float(every.frequency[24])
+    without = every.shape[:, [index for index in range(30) if index not in (7, 11, 20)]]
+    found = whole.modes(1, top, near=without)
+    assert torch.allclose(found.frequency[:25], every.frequency[:25], rtol=1e-6, atol=1e-3)
+
+
+def test_a_space_far_from_the_modes_is_left_for_the_eigensolver(model, plates):
+    sparse = SparseModel(model, plates.nothing)
+    expected = sparse.modes(12)
+    far = torch.rand(len(expected.shape), 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    found = sparse.modes(12, near=far)
+    assert torch.equal(found.eigenvalue, expected.eigenvalue)
 
 
 def test_a_plate_on_springs_has_its_modes_in_one_go(plates, monkeypatch):

@@ -125,7 +125,7 @@ class Joint:
                 # Rounding on the unit cube.
                 step_tolerance=1e-7,
                 damping=damping,
-                keep_jacobian=False,
+                jacobian_at_end=False,
             )
             n_evaluation = self.builder.n_evaluation - before
             return Descent(start, ended.position, ended.objective, n_evaluation)

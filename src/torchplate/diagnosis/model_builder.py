@@ -44,6 +44,8 @@ class ModelBuilder:
         self._finer: Assembly | None = None
         self._known: list[Extrapolated] = []
         self._as_fine: dict[Fineness, ModelBuilder] = {}
+        # The last basis of each margin, from which the next one is found.
+        self._last: dict[float, Tensor] = {}
         self.top = float(target.frequency.max())
         self.given = self.adopt(model)
 
@@ -122,8 +124,10 @@ class ModelBuilder:
             margin: modes kept, in multiples of the band's end [-]; left out, that of the settings.
         """
         margin = margin or self.target.settings.meshes.margin
-        off = self.target.imperfections.std("position_std") > 0
-        basis = ritz_basis(model, members, torch.tensor([self.top]).to(model.known), 0, margin, off_marks=off)
+        off, last = self.target.imperfections.std("position_std") > 0, self._last.get(margin)
+        top = torch.tensor([self.top]).to(model.known)
+        basis = ritz_basis(model, members, top, 0, margin, off_marks=off, near=last)
+        self._last[margin] = basis
         if by_element is None:
             return model.projected(basis)
         return on_mesh(model, Assembly(self.mesh, basis, by_element, model.assembly.correction))

@@ -113,7 +113,7 @@ class Problem:
                 # Rounding on the unit cube.
                 step_tolerance=1e-7,
                 damping=wide.damping if is_wide else sharp.damping if damping is None else damping,
-                keep_jacobian=False,
+                jacobian_at_end=False,
             )
             n_evaluation = self.builder.n_evaluation - before
             return Descent(start, found.position, found.objective, n_evaluation)

@@ -42,7 +42,7 @@ def attach(
     return total
 
 
-def attach_(found: Complex[Tensor, "n_left n_right n_point"], stiffness: Complex[Tensor, "n_term n_point"]) -> Tensor:
+def attach_(found: Complex[Tensor, "n_left n_right *point"], stiffness: Complex[Tensor, "n_term *point"]) -> Tensor:
     """The same, written over `found`, in few operations: on short rows each costs more than its numbers."""
     n = len(stiffness)
     total = found[n:, n:]
@@ -52,10 +52,10 @@ def attach_(found: Complex[Tensor, "n_left n_right n_point"], stiffness: Complex
 
 
 def pulls_(
-    matrix: Complex[Tensor, "n_row n_term n_point"],
-    stiffness: Complex[Tensor, "n_term n_point"],
+    matrix: Complex[Tensor, "n_row n_term *point"],
+    stiffness: Complex[Tensor, "n_term *point"],
     moved: list[Tensor] | None = None,
-) -> list[Complex[Tensor, "n_other n_point"]]:
+) -> list[Complex[Tensor, "n_other *point"]]:
     """As `pulls`, written over the matrix, in whose lower rows they are afterwards.
 
     Args:

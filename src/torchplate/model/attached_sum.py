@@ -10,6 +10,7 @@ Derivatives of derivatives, forward mode and `torch.func` go through the plain o
 
 # ruff: noqa: ARG004  # torch says which arguments a custom function has, needed or not
 
+import functools
 import math
 import threading
 from collections.abc import Iterator, Sequence
@@ -27,6 +28,8 @@ from torchplate.plate import transformed
 
 # Numbers in an array that is kept from call to call.
 KEPT = 2**20
+# Members with rows of their own that go together.
+MEMBERS_AT_ONCE = 32
 
 
 class Rows(NamedTuple):
@@ -63,8 +66,11 @@ def attached_sum(
         in_single: single precision, for values alone.
     """
     moving = torch.is_grad_enabled() and any(part.requires_grad for part in rows)
-    if not rows.alike or moving or transformed():
+    if moving or transformed() or (not rows.alike and (torch.is_grad_enabled() or rows.eigenvalue.ndim > 1)):
         return _plain(rows, z, force, stretches, at_once) * scale
+    if not rows.alike:
+        beside = _beside_common(rows, z, force, stretches, at_once)
+        return _values_of_each(rows, z, force, stretches, at_once, scale) if beside is None else beside * scale
     if torch.is_grad_enabled():
         return _AttachedSum.apply(z, force, rows, stretches, at_once) * scale
     return _values(rows, z, force, stretches, at_once, scale, in_single)
@@ -92,6 +98,112 @@ def _values(
         own = block.attached().unflatten(-1, (*shape[:-1], -1))
         found[..., lines] = own if scale is None else own.mul_(scale[..., lines])
     return found
+
+
+def _values_of_each(
+    rows: Rows, z: Tensor, force: Tensor, stretches: Sequence[Stretch], at_once: int, scale: Tensor
+) -> Tensor:
+    """As `_values`, of members that have rows of their own: some members at a time."""
+    n_term, n_line, batch = len(force), z.shape[-1], z.shape[:-1]
+    left, right = (side.expand(*batch, *side.shape[-2:]).flatten(0, -3) for side in rows[1:])
+    n_left, n_right = left.shape[-2], right.shape[-2]
+    of_member = z.reshape(-1, n_line)
+    of_term = force.reshape(n_term, *of_member.shape)
+    n_member, n_point = min(MEMBERS_AT_ONCE, len(of_member)), min(at_once, n_line)
+    found = z.new_empty(n_left - n_term, n_right - n_term, *of_member.shape)
+    sizes = [(s.last - s.first, 0 if s.series is None else s.series.shape[-1]) for s in stretches]
+    kinds = (("real", z.real.dtype), ("feature", z.dtype), ("found", z.dtype))
+    numbers = 2 * max(near for near, _ in sizes), max(map(sum, sizes)), n_left * n_right
+    room = [
+        _room(name, n * n_member * n_point, dtype, z.device) for (name, dtype), n in zip(kinds, numbers, strict=True)
+    ]
+    for first in range(0, len(of_member), n_member):
+        members = slice(first, first + n_member)
+        pairs = pairs_of(left[members], right[members])
+        for index, ((near, slow), stretch) in enumerate(zip(sizes, stretches, strict=True)):
+            lines = slice(index * at_once, (index + 1) * at_once)
+            own, tied = of_member[members, lines], of_term[:, members, lines]
+            shapes = (2, len(own), near), (len(own), near + slow), (len(own), n_left * n_right)
+            real, feature, among = (
+                part[: torch.Size(shape).numel() * own.shape[-1]].view(*shape, own.shape[-1])
+                for part, shape in zip(room, shapes, strict=True)
+            )
+            _write_features(stretch, rows.eigenvalue, own, real, feature)
+            torch.bmm(stretch.weights(pairs), as_real(feature), out=as_real(among))
+            apart = among.view(len(own), n_left, n_right, own.shape[-1]).movedim(0, 2)
+            found[:, :, members, lines] = attach_(apart, tied)
+    return found.view(*found.shape[:2], *z.shape) * scale
+
+
+def _beside_common(rows: Rows, z: Tensor, force: Tensor, stretches: Sequence[Stretch], at_once: int) -> Tensor | None:
+    """As `_values_of_each` but for the scale, where members differ in their last terms alone; None where in more.
+
+    What all have in common is summed and attached once. Terms are attached one after the other: each takes the product
+    of its column and its row from all that is left, G − G_·t D / (1 + D G_tt) G_t·.
+    """
+    n_term, n_line, batch = len(force), z.shape[-1], z.shape[:-1]
+    of_member = z.reshape(-1, n_line)
+    of_term = force.reshape(n_term, *of_member.shape)
+    left, right = (side.expand(*batch, *side.shape[-2:]).flatten(0, -3) for side in rows[1:])
+    same = (of_term == of_term[:, :1]).all(-1).all(-1)
+    alike_left, alike_right = ((side == side[:1]).all(-1).all(0) for side in (left, right))
+    same = same & alike_left[:n_term] & alike_right[:n_term]
+    n = int(same.to(torch.int64).cumprod(0).sum())
+    ends = bool(alike_left[n_term:].all() and alike_right[n_term:].all())
+    if not 0 < n < n_term or not ends or not bool((of_member == of_member[:1]).all()):
+        return None
+    of_all = [torch.cat([side[0, :n], side[0, n_term:]]) for side in (left, right)]
+    moved = [side[:, n:n_term] for side in (left, right)]
+    found = z.new_empty(left.shape[-2] - n_term, right.shape[-2] - n_term, *of_member.shape)
+    for index, stretch in enumerate(stretches):
+        lines = slice(index * at_once, (index + 1) * at_once)
+        feature = as_real(stretch.features(rows.eigenvalue, of_member[0, lines]))
+
+        between = functools.partial(_between, stretch, feature)
+        among, tied = between(*of_all), of_term[:, :, lines]
+        for first in range(0, len(of_member), MEMBERS_AT_ONCE):
+            members = slice(first, first + MEMBERS_AT_ONCE)
+            own, other = (side[members] for side in moved)
+            parts = between(own, of_all[1]), between(of_all[0], other), between(own, other)
+            found[:, :, members, lines] = _attached_after(among, *parts, tied[:, members])
+    return found.view(*found.shape[:2], *z.shape)
+
+
+def _between(stretch: Stretch, feature: Tensor, one: Tensor, other: Tensor) -> Tensor:
+    """G with nothing attached, rows and columns first, members after them [n_one, n_other, *member, point]."""
+    pairs = as_complex(stretch.weights(pairs_of(one, other)) @ feature)
+    return pairs.unflatten(-2, (one.shape[-2], other.shape[-2])).movedim((-3, -2), (0, 1))
+
+
+def _attached_after(among: Tensor, row: Tensor, column: Tensor, own: Tensor, force: Tensor) -> Tensor:
+    """G between responses and references, first the common terms attached and then those of each member.
+
+    Args:
+        among: G between what is common, its terms first [n_left, n_right, point].
+        row: from the members' own terms to that [n_own, n_right, member, point].
+        column: and back [n_left, n_own, member, point].
+        own: among themselves [n_own, n_own, member, point].
+        force: D of all terms [n_term, member, point].
+    """
+    n = len(force) - len(own)
+    for index in range(n):
+        stiffness = force[index, 0]
+        along = among[0, 1:] * (stiffness / (1 + stiffness * among[0, 0]))
+        to_own = column[0] * (stiffness / (1 + stiffness * among[0, 0]))
+        down, down_own = among[1:, 0], row[:, 0]
+        among = among[1:, 1:] - down[:, None] * along
+        row = torch.addcmul(row[:, 1:], down_own[:, None], along[None, :, None], value=-1)
+        column = torch.addcmul(column[1:], down[:, None, None], to_own[None], value=-1)
+        own = torch.addcmul(own, down_own[:, None], to_own[None], value=-1)
+    total = among[:, :, None].expand(*among.shape[:2], *row.shape[2:])
+    for stiffness in force[n:]:
+        pivot = stiffness / (1 + stiffness * own[0, 0])
+        along, to_own = row[0] * pivot, own[0, 1:] * pivot
+        total = torch.addcmul(total, column[:, 0, None], along[None], value=-1)
+        row = torch.addcmul(row[1:], own[1:, 0, None], along[None], value=-1)
+        column = torch.addcmul(column[:, 1:], column[:, 0, None], to_own[None], value=-1)
+        own = torch.addcmul(own[1:, 1:], own[1:, 0, None], to_own[None], value=-1)
+    return total
 
 
 class _AttachedSum(Function):
@@ -140,21 +252,7 @@ class _Block(NamedTuple):
 
     def features(self) -> Tensor:
         """1 / (λ − z) of near modes, then T_k of the series [feature, point]."""
-        disc, first, last, series = self.stretch
-        near, slow = self.feature.split([last - first, len(self.feature) - (last - first)])
-        apart, scale = self.real
-        # The difference in double precision: beside a pole its digits are all that counts.
-        torch.sub(self.rows.eigenvalue[first:last, None], self.z.real.contiguous(), out=apart)
-        y = self.z.imag.contiguous().to(apart)
-        torch.addcmul(y * y, apart, apart, out=scale).reciprocal_()
-        torch.complex(apart.mul_(scale), scale.mul_(y), out=near)
-        if series is not None and disc is not None:
-            twice = ((self.z - disc.centre) * (2 / disc.half)).to(slow)
-            terms = slow.unbind()
-            terms[0].fill_(1)
-            torch.mul(twice, 0.5, out=terms[1])
-            for before, last, following in zip(terms, terms[1:], terms[2:], strict=False):
-                torch.mul(twice, last, out=following).sub_(before)
+        _write_features(self.stretch, self.rows.eigenvalue, self.z, self.real, self.feature)
         return self.feature
 
     def weights(self) -> Tensor:
@@ -184,6 +282,33 @@ class _Block(NamedTuple):
         )
         of_z = self.stretch.slope(feature, of_feature, self.z)
         return of_z.conj().resolve_conj(), of_force.conj().resolve_conj()
+
+
+def _write_features(stretch: Stretch, eigenvalue: Tensor, z: Tensor, real: Tensor, feature: Tensor) -> None:
+    """1 / (λ − z) of near modes, then T_k of the series.
+
+    Args:
+        stretch: that holds z.
+        eigenvalue: λ of all modes.
+        z: where [*member, point].
+        real: two arrays to write over [2, *member, near mode, point].
+        feature: takes them [*member, feature, point].
+    """
+    disc, first, last, series = stretch
+    near, slow = feature.split([last - first, feature.shape[-2] - (last - first)], dim=-2)
+    apart, scale = real
+    # The difference in double precision: beside a pole its digits are all that counts.
+    torch.sub(eigenvalue[first:last, None], z.real[..., None, :].contiguous(), out=apart)
+    y = z.imag[..., None, :].contiguous().to(apart)
+    torch.addcmul(y * y, apart, apart, out=scale).reciprocal_()
+    torch.complex(apart.mul_(scale), scale.mul_(y), out=near)
+    if series is not None and disc is not None:
+        twice = ((z - disc.centre) * (2 / disc.half)).to(slow)
+        terms = slow.unbind(-2)
+        terms[0].fill_(1)
+        torch.mul(twice, 0.5, out=terms[1])
+        for before, last_one, following in zip(terms, terms[1:], terms[2:], strict=False):
+            torch.mul(twice, last_one, out=following).sub_(before)
 
 
 def _blocks(

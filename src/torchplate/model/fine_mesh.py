@@ -35,6 +35,12 @@ BACKWARD = 1e-13
 SPARE = 8
 # Steps of inverse iteration from modes of a coarser mesh.
 N_STEP = 2
+# Steps of inverse iteration from a space that nearly holds the modes, at most; relative change of the eigenvalues at
+# which they are at rest: the highest modes that are wanted come last, those three times lower long before; and columns
+# drawn at random beside that space, for modes that are none of its kind.
+MOST_STEPS, AT_REST, N_DRAWN = 8, 1e-6, 8
+# Part of the strongest of these columns below which one is made of rounding.
+ROUNDING = 1e-12
 
 
 class SparseModel:
@@ -155,7 +161,14 @@ class SparseModel:
         inertia = inertia + link.T @ scipy.sparse.diags_array(spring / STIFFEST**2) @ link
         return stiffness, inertia + scipy.sparse.diags_array(np.pad(mass, (len(self.model.assembly.free), 0)))
 
-    def modes(self, n_mode: int, frequency: float = 0.0, dense: bool = False, bare: bool = False) -> Modes:
+    def modes(
+        self,
+        n_mode: int,
+        frequency: float = 0.0,
+        dense: bool = False,
+        bare: bool = False,
+        near: Float[Tensor, "n k"] | None = None,
+    ) -> Modes:
         """The lowest modes: at least `n_mode`, all up to `frequency` [Hz], and one beyond.
 
         Args:
@@ -163,6 +176,7 @@ class SparseModel:
             frequency: up to where.
             dense: solve for all modes by LAPACK; faster on small meshes.
             bare: without masses on springs, each of which adds a mode; shapes are those of the plate either way.
+            near: columns that the modes are nearly made of, as those of another member; not where all are solved for.
         """
         stiffness, correction = self.stiffness, self.correction
         mass: Any = self.mass
@@ -182,6 +196,8 @@ class SparseModel:
                 whole = whole + rows.T @ middle @ rows
             value, shape = scipy.linalg.eigh(whole, self._times(mass, np.eye(n)))
         else:
+            if near is not None and (known := self._modes_from(near, solve, mass, n_mode, frequency)) is not None:
+                return known
             if self._spread:
                 mass = scipy.sparse.linalg.LinearOperator(
                     (n, n), matvec=functools.partial(self._times, mass), dtype=np.float64
@@ -204,6 +220,54 @@ class SparseModel:
                 count = max(count + 10, int(1.15 * count * frequency / reached))
         like = self.model.known
         return Modes(torch.from_numpy(value).to(like), torch.from_numpy(np.ascontiguousarray(shape[:size])).to(like))
+
+    def _modes_from(
+        self,
+        near: Float[Tensor, "n k"],
+        solve: Callable[[np.ndarray], np.ndarray],
+        mass: Any,
+        n_mode: int,
+        frequency: float,
+    ) -> Modes | None:
+        """The lowest modes by inverse iteration of a space of columns; None where they do not come to rest.
+
+        Of all columns at once: a solve for many costs half of one for each (Bathe and Wilson, Solution methods for
+        eigenvalue problems in structural mechanics, Int. J. Num. Meth. Eng. 6, 1973, 213).
+        """
+        own, n = len(near), mass.shape[0]
+        found = np.zeros((n, near.shape[1] + n - own + N_DRAWN))
+        found[:own, : near.shape[1]] = near.double().cpu().numpy()
+        # Masses on springs may move alone.
+        found[own:, near.shape[1] : found.shape[1] - N_DRAWN] = np.eye(n - own)
+        found[:, found.shape[1] - N_DRAWN :] = np.random.default_rng(0).standard_normal((n, N_DRAWN))
+        before, last = np.zeros(0), np.inf
+        for left in reversed(range(MOST_STEPS)):
+            forces = self._times(mass, found)
+            moved = solve(forces)
+            length = np.linalg.norm(moved, axis=0)
+            moved, forces = moved / length, forces / length
+            inertia = moved.T @ self._times(mass, moved)
+            strength, turn = scipy.linalg.eigh(0.5 * (inertia + inertia.T))
+            kept = strength > ROUNDING * strength[-1]
+            turn = turn[:, kept] / np.sqrt(strength[kept])
+            moved, forces = moved @ turn, forces @ turn
+            # K W = M V − s M W.
+            stiffness = moved.T @ forces - SHIFT * np.eye(moved.shape[1])
+            value, turn = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T))
+            found = moved @ turn
+            count = max(n_mode, int((value <= (2 * np.pi * frequency) ** 2).sum()))
+            if count < min(len(value), len(before)):
+                change = float((np.abs(value[:count] - before[:count]) / (value[:count] + 2 * SHIFT)).max(initial=0.0))
+                if change <= AT_REST:
+                    like = self.model.known
+                    shape = np.ascontiguousarray(found[:own, : count + 1])
+                    return Modes(torch.from_numpy(value[: count + 1]).to(like), torch.from_numpy(shape).to(like))
+                # At this rate it would not be at rest in time.
+                if np.isfinite(last) and change * (change / last) ** left > AT_REST:
+                    return None
+                last = change
+            before = value
+        return None
 
     def modes_near(self, shape: Float[Tensor, "n n_mode"]) -> Modes:
         """As many modes from approximate ones, by steps of inverse iteration: those of a coarser mesh, say.

@@ -25,7 +25,7 @@ from torchplate.plate import Proportional, common_shape, is_vmapped
 IN_CACHE = 4 * 2**20
 # Lines of all members together whose uncoupled modes are summed at once: of few members, fewer steps cost less than
 # what leaves the cache.
-LINES_OF_ALL = 6400
+LINES_OF_ALL = 2400
 
 
 class ModalSystem(NamedTuple):
@@ -165,31 +165,44 @@ def _by_uncoupled_modes(system: ModalSystem, own_loss: Tensor, response: Tensor,
     parts = []
     n_member = common_shape(system.eigenvalue.shape[:-1], own_loss.shape[:-1], pairs.shape[:-2]).numel()
     for part in system.split(max(LINES_AT_ONCE, LINES_OF_ALL // n_member)):
-        real, imaginary = part.denominator()
-        imaginary = imaginary + own_loss[..., None, :]
-        scale = torch.addcmul(imaginary * imaginary, real, real).reciprocal_()
-        # 1 / d, [*batch, mode, line].
-        real, imaginary = (real * scale).mT, (imaginary * -scale).mT
+        real, turned = _inverse(part, own_loss)
         if not n_attached:
             both = pairs_of(fewer, more)
-            found = torch.complex(both @ real, both @ imaginary)
+            found = torch.complex(both @ real, both @ -turned)
             parts.append(found.unflatten(-2, (fewer.shape[-2], more.shape[-2])))
             continue
-        felt = torch.complex(pairs @ real, pairs @ imaginary)
+        felt = torch.complex(pairs @ real, -(pairs @ turned))
         batch = common_shape(felt.shape[:-2], more.shape[:-2], part.force.shape[:-2])
         felt = felt.expand(*batch, *felt.shape[-2:]).unflatten(-2, (-1, n_attached)).movedim((-3, -2), (0, 1))
         force = lines_last(part.force, len(batch)).expand(n_attached, *felt.shape[2:])
         pull = torch.stack(pulls(felt, force), dim=-2)
-        # [row, *batch, mode, line]
+        # [row, *batch, mode, line], the imaginary part with its sign turned, as that of 1 / d.
         down = attached.mT
         rows = fewer.expand(*batch, *fewer.shape[-2:]).movedim(-2, 0)[..., None]
-        carried = rows - down @ pull.real, -(down @ pull.imag)
-        one = more @ torch.addcmul(carried[0] * real, carried[1], imaginary, value=-1)
-        other = more @ torch.addcmul(carried[0] * imaginary, carried[1], real)
-        parts.append(torch.complex(one, other).movedim(0, -3))
+        carried = rows - down @ pull.real, down @ pull.imag
+        one = more @ torch.addcmul(carried[0] * real, carried[1], turned, value=-1)
+        other = more @ torch.addcmul(carried[0] * turned, carried[1], real)
+        parts.append(torch.complex(one, -other).movedim(0, -3))
     found = joined(parts, -1)
     # [*batch, line, response, reference]
     return found.movedim(-1, -3).mT if swapped else found.movedim(-1, -3)
+
+
+def _inverse(system: ModalSystem, own_loss: Float[Tensor, "*#batch n_mode"]) -> tuple[Tensor, Tensor]:
+    """1 / d as real part and the negative of its imaginary part, lines side by side in memory [*batch, mode, line].
+
+    Args:
+        system: at some lines.
+        own_loss: h of each mode.
+    """
+    kappa, mu = (
+        torch.view_as_real(part.resolve_conj()).movedim(-1, 0) for part in system.proportional.at(system.laplace)
+    )
+    (stiff, lossy), (inert, drag) = (part.contiguous()[..., None, :] for part in (kappa, mu))
+    square = system.eigenvalue[..., None]
+    real, imaginary = torch.addcmul(inert, square, stiff), torch.addcmul(drag + own_loss[..., None], square, lossy)
+    scale = torch.addcmul(imaginary * imaginary, real, real).reciprocal_()
+    return real * scale, imaginary * scale
 
 
 def _by_complex_modes(system: ModalSystem, hysteretic: Tensor, response: Tensor, reference: Tensor) -> Tensor:

@@ -237,19 +237,21 @@ def ritz_basis(
     margin: float,
     independent: float = INDEPENDENT,
     off_marks: bool = False,
+    near: Float[Tensor, "n_free k"] | None = None,
 ) -> Float[Tensor, "n_free n_basis"]:
     """Modes and residuals of all given members, M-orthonormal at the first.
 
     Args:
-        model: the full one.
+        model: in all dofs.
         theta: the members.
-        frequency: lines at which FRFs are wanted [Hz]; None if none are.
-        n_mode: natural frequencies that are wanted.
-        margin: modes kept, in multiples of the band's end, or of the number that is wanted [-].
-        independent: directions with less than this part of the largest column are left out [-].
+        frequency: lines [Hz]; None where a number of modes is wanted.
+        n_mode: that number.
+        margin: modes kept, in multiples of the band's end or of the number [-].
+        independent: part of the strongest column below which one is left out [-].
         off_marks: whether sensors and hits may turn out to be off their marks, by a small part of a wave.
+        near: a basis of a similar plate, from which its modes are found sooner.
     """
-    return _ritz_columns(model, theta, frequency, n_mode, margin, off_marks).independent(independent)
+    return _ritz_columns(model, theta, frequency, n_mode, margin, off_marks, near).independent(independent)
 
 
 class _Columns(NamedTuple):
@@ -267,7 +269,13 @@ class _Columns(NamedTuple):
 
 
 def _ritz_columns(
-    model: PlateModel, theta: Tensor, frequency: Tensor | None, n_mode: int, margin: float, off_marks: bool = False
+    model: PlateModel,
+    theta: Tensor,
+    frequency: Tensor | None,
+    n_mode: int,
+    margin: float,
+    off_marks: bool = False,
+    near: Tensor | None = None,
 ) -> _Columns:
     top = 0.0 if frequency is None else margin * float(frequency.max())
     columns = []
@@ -275,7 +283,8 @@ def _ritz_columns(
     for member in theta:
         sparse = SparseModel(model, member)
         first = first or sparse
-        modes = sparse.modes(int(margin * n_mode) if n_mode else 1, top, dense=model.assembly.size <= fine_mesh.DENSE)
+        dense = model.assembly.size <= fine_mesh.DENSE
+        modes = sparse.modes(int(margin * n_mode) if n_mode else 1, top, dense, near=near)
         count = max(int((modes.frequency <= top).sum()), min(len(modes.eigenvalue), int(margin * n_mode)))
         value = modes.eigenvalue
         while count < len(value) and value[count] - value[count - 1] < CLUSTER * value[count]:

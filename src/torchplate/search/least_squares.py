@@ -51,7 +51,7 @@ def least_squares(
     objective_tolerance: float = 1e-14,
     damping: float = 1e-3,
     shared: bool = True,
-    keep_jacobian: bool = True,
+    jacobian_at_end: bool = True,
     on_iteration: Callable[[LeastSquaresProgress], object] | None = None,
 ) -> LeastSquaresOutcome:
     """Minimise ½ Σ r² over the unit cube from each start.
@@ -89,12 +89,13 @@ def least_squares(
         shared: Whether every start fits the same residual: only those starts are evaluated that need it, as positions
             [n_start, n_dimension]. False for residuals with data of their own for each start, [*batch, n_residual]:
             positions then always end in [*batch, n_dimension].
-        keep_jacobian: Whether J at the end is wanted. Without it no J is held while the next one is made, which
-            of many residuals is most of the memory.
+        jacobian_at_end: Whether J is wanted where starts end. Without it a step that is the last one by its length, by
+            what it promised or by its number is taken, and J is not made there: the same places for fewer evaluations.
+            Nor is one held while the next is made, which of many residuals is most of the memory.
         on_iteration: Called with a `LeastSquaresProgress` for the start and after each iteration.
 
     Returns:
-        The place of each start, what it cost, why it stopped, and J there; without rows where it is not kept.
+        The place of each start, what it cost, why it stopped, and J there; without rows where it was not wanted.
 
     Raises:
         ValueError: A start outside the unit cube, a budget that pays for nothing, a residual or Jacobian of the wrong
@@ -118,7 +119,7 @@ def least_squares(
 
     def place(position: Tensor, residual: Tensor, rows: Tensor) -> _Place:
         found = _Place.of(position[rows], residual[rows], problem.jacobian_at(position, residual, rows))
-        return found if keep_jacobian else found.without_jacobian()
+        return found if jacobian_at_end else found.without_jacobian()
 
     here = place(position, first, every)
     n_spent, n_jacobian, n_tried = count + 1 + price, count + 1, count.clone()
@@ -161,13 +162,18 @@ def least_squares(
         fall = 0.5 * ((now.residual - tried[rows]) * (now.residual + tried[rows])).sum(dim=-1)
         # Where a residual is NaN or infinite the fall is NaN or −∞, and the comparison false.
         taken = (promised > 0.0) & (fall > MIN_GAIN * promised)
-        moving = rows[taken]
+        undamped, short = mu <= 1.0, step.abs().amax(dim=-1) <= step_tolerance
+        level = promised <= objective_tolerance * now.objective
+        last = taken & (undamped & (short | level) | (iteration == n_iteration)) & (not jacobian_at_end)
+        if bool(last.any()):
+            here = here.ended(rows[last], trial[rows[last]], tried[rows[last]])
+        moving = rows[taken & ~last]
         if len(moving):
             there = place(trial, tried, moving)
             n_spent[moving] += price
             n_jacobian[moving] += 1
             sound = there.is_number()
-            taken[taken.clone()] = sound
+            taken[taken & ~last] = sound
             if not bool(sound.all()):
                 moving, there = moving[sound], there.at(torch.nonzero(sound).flatten())
             here = here.moved(moving, there)
@@ -178,8 +184,6 @@ def least_squares(
         alpha[rows] = torch.where(taken, (alpha[rows] * shrink).clamp(min=LEAST_DAMPING), alpha[rows] * growth[rows])
         growth[rows] = torch.where(taken, 2.0, 2.0 * growth[rows])
 
-        undamped, short = mu <= 1.0, step.abs().amax(dim=-1) <= step_tolerance
-        level = promised <= objective_tolerance * now.objective
         stop(here.is_flat(gradient_tolerance), LeastSquaresStatus.gradient)
         stop(_spread(rows, undamped & short, status), LeastSquaresStatus.step)
         stop(_spread(rows, undamped & level, status), LeastSquaresStatus.objective)
@@ -281,6 +285,15 @@ class _Place(NamedTuple):
         if len(rows) == len(self.position):
             return new
         return _Place(*(field.index_copy(0, rows, value) for field, value in zip(self, new, strict=True)))
+
+    def ended(self, rows: Tensor, position: Tensor, residual: Tensor) -> "_Place":
+        """The same with some of the starts where they end: of the first order nothing is known there."""
+        return self._replace(
+            position=self.position.index_copy(0, rows, position),
+            residual=self.residual.index_copy(0, rows, residual),
+            gradient=self.gradient.index_fill(0, rows, torch.nan),
+            objective=self.objective.index_copy(0, rows, 0.5 * residual.square().sum(dim=-1)),
+        )
 
     @property
     def residual_norm(self) -> Tensor:

@@ -48,14 +48,14 @@ class LeastSquaresOutcome(NamedTuple):
     Attributes:
         position: The place on the unit cube; a parameter on its bound is exactly 0 or 1.
         objective: ½ Σ r² there; +inf where the start gave no number.
-        gradient: Jᵀr there, with 0 for a parameter that its bound holds back.
+        gradient: Jᵀr there, with 0 for a parameter that its bound holds back; NaN where J was not wanted.
         gradient_norm: Its Euclidean norm.
         n_evaluation: Residuals evaluated, those of the differences included.
         n_jacobian: Jacobians evaluated.
         n_iteration: Steps tried, those that were refused included.
         status: Why each start stopped, in row-major order of the batch; one entry where there is no batch.
         residual: r at the position.
-        jacobian: J = ∂r/∂position there, columns of the held parameters too; without rows where it is not kept.
+        jacobian: J = ∂r/∂position there, columns of the held parameters too; without rows where it was not wanted.
     """
 
     position: Float[Tensor, "*batch n_dimension"]
@@ -77,7 +77,7 @@ class LeastSquaresOutcome(NamedTuple):
             ValueError: if J was not kept.
         """
         if self.jacobian.shape[-2] != self.residual.shape[-1]:
-            raise ValueError("The normal matrix needs the jacobian, which was not kept. Set keep_jacobian=True.")
+            raise ValueError("The normal matrix needs the jacobian, which was not wanted. Set jacobian_at_end=True.")
         return self.jacobian.mT @ self.jacobian
 
 

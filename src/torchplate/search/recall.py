@@ -47,10 +47,7 @@ class Recall:
         place = len(self._done)
         if place < len(self.past) and torch.equal(self.past[place].start, start.cpu()):
             found, known = self.past[place], True
-            found = found._replace(
-                position=found.position.to(start),
-                objective=found.objective.to(start),
-            )
+            found = found._replace(position=found.position.to(start), objective=found.objective.to(start))
         else:
             self.past = []
             found, known = descend(), False

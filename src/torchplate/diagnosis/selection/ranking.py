@@ -248,13 +248,14 @@ class Ranking:
 
         Args:
             state: that leaves noise.
-            chosen: candidates with their starts, the most promising first.
+            chosen: candidates with their starts, the most promising first, but for simpler ones that they contain.
             by_chance: fall that chance alone exceeds once in a hundred times.
         """
         above = [one for one in chosen if one[0].drop * state.fit.square > by_chance] or list(chosen[:1])
         found = self._refitted(state, above)
         if any(is_needed(state.fit, one, by_chance) for one in found):
-            found += self._refitted(state, chosen[len(above) :], found)
+            others = [one for one in chosen if all(one is not other for other in above)]
+            found += self._refitted(state, others, found)
         return found
 
     def _beat(self, state: State, found: Sequence[Hypothesis]) -> Beat:
