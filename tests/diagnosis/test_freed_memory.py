@@ -33,3 +33,5 @@ def test_pages_between_those_in_use_go_back():
     assert given_back("hand_back()") > 0.9
     # Unasked, none do.
     assert given_back("pass") < 0.1
+    # Nor where what comes next is small: it is not worth the time.
+    assert given_back("hand_back(2**15)") < 0.1

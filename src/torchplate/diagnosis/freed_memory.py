@@ -8,9 +8,17 @@ the holes back when it is asked; elsewhere (macOS, musl) nothing is done. Source
 import ctypes
 import sys
 
+# Numbers of a column from which on it is done: half a megabyte, of which there are a hundred. Below, what the system
+# clears anew is a twentieth of the time of a diagnosis, and the memory is none to speak of.
+MUCH = 2**16
 
-def hand_back() -> None:
-    """Now: some milliseconds, and the system clears those pages again that are taken anew."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+
+def hand_back(n_number: int = MUCH) -> None:
+    """Now: some milliseconds, and the system clears those pages again that are taken anew.
+
+    Args:
+        n_number: of what is to be made, in one column; below `MUCH` nothing is done.
+    """
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if n_number >= MUCH and sys.platform == "linux" else None
     if trim is not None:
         trim(ctypes.c_size_t(0))
