@@ -7,8 +7,9 @@ What the stiffness lacks, in the modes Φ of the mesh, is
     ΔK = M Φ C Φᵀ M,    C = 4/3 (Q Λ' Qᵀ − Λ),
 
 Q the orthogonal matrix nearest to the products of the two meshes' modes, so that close and repeated modes need not be
-told from each other. In the same way the modes' deflections at the nodes lack 4/3 (Φ' Qᵀ − Φ). Other plates of the box
-lack the stiffness in proportion to their rigidity: what then remains is the error of the error.
+told from each other. In the same way the modes' deflections at the nodes lack 4/3 (Φ' Qᵀ − Φ), and where elements have
+losses of their own, H, these lack 4/3 (Q Φ'ᵀ H' Φ' Qᵀ − Φᵀ H Φ). Other plates of the box lack the stiffness in
+proportion to their rigidity, and these losses to them: what then remains is the error of the error.
 
 On large meshes the finer one's modes are found from the coarser one's by two steps of inverse iteration
 (`SparseModel.modes_near`): what these miss is a hundredth of the mesh error at most.
@@ -115,11 +116,34 @@ def extrapolate(
         0.5 * (change + change.mT),
         4 / 3 * (finer_shape @ turn.mT - shape),
         Correction.measure(plan.section.rigidity, plan.geometry),
+        *_lost(coarse, fine, shape, better.shape[:, :count] @ turn.mT),
     )
     twin = on_mesh(model, model.assembly.corrected(correction))
     bending = value > 1e-3 * value[-1]
     error = torch.where(bending, -0.5 * change.diagonal() / value.clamp(min=1.0), 0.0)
     return Extrapolated(twin, modes.frequency[:count], error)
+
+
+def _lost(
+    coarse: SparseModel, fine: SparseModel, shape: Float[Tensor, "n n_mode"], better: Float[Tensor, "n_fine n_mode"]
+) -> tuple[Float[Tensor, "n_mode n_mode"], Float[Tensor, ""]] | tuple[None, None]:
+    """What the modes of a plate lack of what its elements lose, and how much those lose; None where they lose nothing.
+
+    Args:
+        coarse: of the mesh.
+        fine: of the finer one.
+        shape: modes of the mesh.
+        better: the same modes of the finer one.
+    """
+    lossy = Correction.measure(coarse.plan.section.lossy_rigidity, coarse.plan.geometry)
+    if coarse.hysteretic is None or fine.hysteretic is None or float(lossy) <= 0:
+        return None, None
+    before, after = (
+        torch.from_numpy(modes.numpy().T @ (part @ modes.numpy()))
+        for part, modes in ((coarse.hysteretic, shape.double().cpu()), (fine.hysteretic, better.double().cpu()))
+    )
+    change = 4 / 3 * (after - before)
+    return (0.5 * (change + change.mT)).to(shape), lossy
 
 
 def on_mesh(model: PlateModel, assembly: Assembly) -> PlateModel:

@@ -68,8 +68,8 @@ class SparseModel:
             scale = more.scale(section.rigidity, self.plan.geometry)
             self.correction = more.rows.cpu().numpy(), (scale * more.stiffness.to(scale)).cpu().numpy()
             if self.hysteretic is not None:
-                scale = more.scale(section.lossy_rigidity, self.plan.geometry)
-                self._lost = (scale * more.stiffness.to(scale)).cpu().numpy()
+                scale, middle = more.lost(section.lossy_rigidity, self.plan.geometry)
+                self._lost = (scale * middle.to(scale)).cpu().numpy()
         self._terms = self._local_terms()
         self._spread = [_Spread(model, one) for one in self.plan.added]
 

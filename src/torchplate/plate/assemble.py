@@ -48,6 +48,7 @@ class Assembly(nn.Module):
     seen: Tensor | None
     everywhere: Tensor | None
     lacking: Tensor | None
+    losing: Tensor | None
     unevenness: Unevenness | None = None
 
     def __init__(
@@ -123,10 +124,13 @@ class Assembly(nn.Module):
         self.register_buffer("seen", self.basis, persistent=False)
         self.register_buffer("everywhere", None, persistent=False)
         self.register_buffer("lacking", None, persistent=False)
+        self.register_buffer("losing", None, persistent=False)
         if correction is not None and self.basis is not None:
             rows, middle, shape = (part.to(self.basis) for part in correction[:3])
             rows = rows @ self.basis
             self.seen, self.lacking = self.basis + shape @ rows, rows.mT @ (middle @ rows)
+            if correction.loss is not None:
+                self.losing = rows.mT @ (correction.loss.to(rows) @ rows)
         if self.seen is not None:
             # What is held does not move.
             self.everywhere = self.seen.new_zeros(self.mesh.n_dof, self.seen.shape[-1])
@@ -157,18 +161,41 @@ class Assembly(nn.Module):
         self, rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
     ) -> Float[Tensor, "*batch n n"]:
         """Stiffness matrix K [N/m] from the rigidity of the elements [N m]."""
-        coefficient = self.stiffness_coefficient(rigidity, geometry)
-        stiffness = self._assemble(coefficient, self.pattern, slice(0, 6))
-        if self.unevenness is not None:
-            scale = Correction.measure(rigidity, geometry) / self.unevenness.rigidity
-            stiffness = stiffness + scale[..., None, None] * self.unevenness.stiffness
+        stiffness = self._bending(rigidity, geometry)
         if self.correction is None:
             return stiffness
-        lacking = self.lacking
-        if lacking is None:
-            rows, middle = self.correction.rows.to(stiffness), self.correction.stiffness.to(stiffness)
-            lacking = rows.mT @ (middle @ rows)
-        return stiffness + self.correction.scale(rigidity, geometry)[..., None, None] * lacking
+        scale = self.correction.scale(rigidity, geometry)
+        return stiffness + scale[..., None, None] * self._between_modes(self.lacking, self.correction.stiffness)
+
+    def lost(
+        self, lossy_rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
+    ) -> Float[Tensor, "*batch n n"]:
+        """What the elements lose H [N/m], from their rigidity times their own loss factors [N m]."""
+        lost = self._bending(lossy_rigidity, geometry)
+        if self.correction is None:
+            return lost
+        scale, middle = self.correction.lost(lossy_rigidity, geometry)
+        known = self.lacking if self.correction.loss is None else self.losing
+        return lost + scale[..., None, None] * self._between_modes(known, middle)
+
+    def _bending(
+        self, rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
+    ) -> Float[Tensor, "*batch n n"]:
+        """Of the elements as they are."""
+        coefficient = self.stiffness_coefficient(rigidity, geometry)
+        stiffness = self._assemble(coefficient, self.pattern, slice(0, 6))
+        if self.unevenness is None:
+            return stiffness
+        scale = Correction.measure(rigidity, geometry) / self.unevenness.rigidity
+        return stiffness + scale[..., None, None] * self.unevenness.stiffness
+
+    def _between_modes(self, known: Tensor | None, middle: Tensor) -> Float[Tensor, "n n"]:
+        """Rᵀ C R of a correction, as it is known in the basis."""
+        if known is not None:
+            return known
+        assert self.correction is not None
+        rows = self.correction.rows.to(self.pattern)
+        return rows.mT @ (middle.to(rows) @ rows)
 
     def mass(self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry) -> Float[Tensor, "*batch n n"]:
         """Consistent mass matrix M [kg] from the mass per area of the elements [kg/m²]."""
@@ -242,7 +269,7 @@ class Assembly(nn.Module):
         stiffness, mass = self.stiffness(rigidity, geometry), self.mass(section.areal_mass, geometry)
         hysteretic = None
         if section.loss_factor is not None:
-            hysteretic = self.stiffness(section.lossy_rigidity, geometry)
+            hysteretic = self.lost(section.lossy_rigidity, geometry)
         dashpots, viscous = [stiffness.new_zeros(0, self.size)], [stiffness.new_zeros(0)]
         carriers, hung = [], []
         for term in terms:

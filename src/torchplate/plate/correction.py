@@ -18,12 +18,24 @@ class Correction(NamedTuple):
         stiffness: C.
         shape: S.
         rigidity: √(D₁₁ D₂₂) / (Lx Ly) of the plate it belongs to, mean over the elements [N/m].
+        loss: what the matrix of the elements' own losses lacks, in the place of C; None where that is in proportion.
+        lossy: of that plate's rigidities times these losses, as `rigidity` is.
     """
 
     rows: Float[Tensor, "n_row n_free"]
     stiffness: Float[Tensor, "n_row n_row"]
     shape: Float[Tensor, "n_free n_row"]
     rigidity: Float[Tensor, ""]
+    loss: Float[Tensor, "n_row n_row"] | None = None
+    lossy: Float[Tensor, ""] | None = None
+
+    def lost(
+        self, lossy_rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
+    ) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "n_row n_row"]]:
+        """What the losses of other plates lack: a matrix, and what it is times."""
+        if self.loss is None or self.lossy is None:
+            return self.scale(lossy_rigidity, geometry), self.stiffness
+        return self.measure(lossy_rigidity, geometry) / self.lossy.to(lossy_rigidity), self.loss
 
     def scale(self, rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry) -> Float[Tensor, "*batch"]:
         """The correction of other plates over that of this one."""
