@@ -183,6 +183,8 @@ def test_of_several_starts_the_best_goes_to_the_end_alone(builder, plate, truth,
     (alone,), (least,), _ = problem.descend(starts[1:2], builder.target.levels - 1, 12)
     assert float(value) == pytest.approx(float(least), rel=1e-3)
     assert torch.allclose(place, alone, atol=2e-3)
+    # A residual and three differences for each step that is left, and for the start; no Jacobian at the end.
+    assert 4 < n_evaluation <= 4 * (1 + asked[1][1]) - 3
 
 
 @torch.no_grad()

@@ -10,7 +10,7 @@ from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.modal_change import sum_of_modes
 from torchplate.discrepancy.nuisance import _apart, nuisances, specimen_columns
 from torchplate.discrepancy.specimen import Found, Specimens, as_it_is_meant
-from torchplate.discrepancy.wandering import Wandering, terms
+from torchplate.discrepancy.wandering import Elements, Wandering, terms
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT
 from torchplate.model import PlateModel
@@ -62,6 +62,28 @@ def only(name: str) -> torch.Tensor:
     """The shift of one group, the others at rest."""
     names = [one.name for one in terms(plate(), plate().plan(NOBODY), WANDERING)]
     return torch.where(torch.tensor([one == name for one in names]), SHIFT, 0.0)
+
+
+def test_terms_that_wander_alike_are_multiples_of_one_product(monkeypatch):
+    """What each adds is the same where it is asked for alone; a shape's rows are weighed once for all its terms."""
+    model = reduced(plate(**PATCH))
+    plan = model.plan(NOBODY)
+    every = terms(model, plan, WANDERING)
+    weighed, way = [], Elements._weighed
+    monkeypatch.setattr(Elements, "_weighed", lambda self, weight: weighed.append(way(self, weight)) or weighed[-1])
+    together = Elements(model, plan)
+    found = [(together.stiffness(one.stiffness, one.coefficient), together.mass(one.mass)) for one in every]
+    # Five cosines, and the grain that is everywhere.
+    assert len(every) == 12
+    assert len({id(rows) for rows, _ in weighed}) == 6
+    for one, pair in zip(every, found, strict=True):
+        # Of each alone nothing is known before.
+        alone = Elements(model, plan).stiffness(one.stiffness, one.coefficient), Elements(model, plan).mass(one.mass)
+        for part, other in zip(pair, alone, strict=True):
+            assert float((part - other).abs().max()) <= 1e-12 * float(other.abs().max())
+    # Its sign and its size are in the multiple.
+    turned = together.stiffness(-2.5 * every[-1].stiffness, every[-1].coefficient)
+    assert float((turned + 2.5 * found[-1][0]).abs().max()) <= 1e-12 * float(turned.abs().max())
 
 
 def test_a_grain_that_is_found_is_orthotropy():

@@ -68,3 +68,29 @@ def test_an_edge_that_is_none_is_refused():
     for edge in ("north", ""):
         with pytest.raises(ValueError, match=r"one of x0, x1, y0, y1, got"):
             EdgeSpring(edge)
+
+
+def test_rows_along_an_edge_are_made_once_for_a_mesh_and_never_by_a_transform(monkeypatch):
+    mesh, other = (Mesh(0.5, 0.3, 4, 3) for _ in range(2))
+    value = {key: torch.tensor(5.0, dtype=torch.float64) for key in ("stiffness", "rotational_stiffness")}
+
+    def rows(effect: EdgeSpring, mesh: Mesh) -> list[torch.Tensor]:
+        return [term.vector for term in effect.attached(mesh, [], value)]
+
+    def slope(stiffness: torch.Tensor) -> torch.Tensor:
+        return EdgeSpring("y1").attached(mesh, [], {**value, "stiffness": stiffness})[0].stiffness.sum()
+
+    torch.func.vmap(slope)(torch.ones(2, dtype=torch.float64))
+    assert not mesh.known_along_edges
+    first, again, fresh = rows(EdgeSpring("y1"), mesh), rows(EdgeSpring("y1"), mesh), rows(EdgeSpring("y1"), other)
+    for one, same, new in zip(first, again, fresh, strict=True):
+        assert one is same
+        assert one is not new
+        assert torch.equal(one, new)
+    for one, elsewhere in zip(first, rows(EdgeSpring("y0"), mesh), strict=True):
+        assert not torch.equal(one, elsewhere)
+    # Of a fine mesh they are many.
+    monkeypatch.setattr("torchplate.effects.edge_spring.KEPT", (2 * 12 + 2 * 12 + 2 * 9) * 20 * 3 * 8 - 1)
+    assert rows(EdgeSpring("x0"), mesh)[1] is not rows(EdgeSpring("x0"), mesh)[1]
+    monkeypatch.setattr("torchplate.effects.edge_spring.KEPT", (2 * 12 + 2 * 12 + 2 * 9) * 20 * 3 * 8)
+    assert rows(EdgeSpring("x0"), mesh)[1] is rows(EdgeSpring("x0"), mesh)[1]

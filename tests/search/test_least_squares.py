@@ -12,6 +12,7 @@ from scipy import optimize
 from torch import Tensor
 
 from torchplate.search import JACOBIANS, LeastSquaresProgress, LeastSquaresStatus, least_squares
+from torchplate.search.least_squares import triangular_factor
 
 Status = LeastSquaresStatus
 
@@ -404,6 +405,22 @@ def test_forward_mode_agrees_with_reverse_mode():
     reverse = torch.stack([torch.autograd.functional.jacobian(decay, one) for one in place])
     # The same derivative in another order of operations.
     assert (found - reverse).abs().max() < 1e-13
+
+
+@pytest.mark.parametrize("n_row", [3, 40, 512, 1024, 1500])
+@pytest.mark.parametrize("batch", [(), (3,)], ids=str)
+def test_blocks_of_rows_have_the_factor_of_all_of_them(n_row, batch):
+    """With columns of which two are all but parallel: their products would not tell them apart."""
+    matrix = uniform(21, *batch, n_row, 6) - 0.5
+    matrix[..., 5] = matrix[..., 1] + 1e-9 * matrix[..., 5]
+    found, whole = triangular_factor(matrix), torch.linalg.qr(matrix, mode="r").R
+    assert found.shape == whole.shape
+    assert (found.tril(-1) == 0).all()
+    # Rounding of the columns, whatever is left of one beside the others.
+    assert torch.allclose(found.abs(), whole.abs(), rtol=0.0, atol=1e-14 * n_row)
+    if n_row > 6:
+        assert 1e-11 < float(found[..., 5, 5].abs().min()) <= float(found[..., 5, 5].abs().max()) < 1e-7
+        assert torch.allclose(found[..., 5, 5].abs(), whole[..., 5, 5].abs(), rtol=1e-4)
 
 
 @pytest.mark.parametrize("n_iteration", [2, 100])

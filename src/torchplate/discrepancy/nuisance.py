@@ -113,12 +113,13 @@ def nuisances(
     elastic = near[modal.eigenvalue[near] > 1e-6 * top]
 
     common: list[tuple[str, Tensor]] = []
-    elements, every = Elements(model, plan, modal.shape), terms(model, plan, wandering)
+    every = terms(model, plan, wandering)
     nothing = modal.shape.new_zeros(0, len(modal.eigenvalue), len(modal.eigenvalue))
-    stiffness, mass = (
-        torch.stack([elements.stiffness(one.stiffness, one.coefficient) for one in every]) if every else nothing,
-        torch.stack([elements.mass(one.mass) for one in every]) if every else nothing,
-    )
+    stiffness, mass = nothing, nothing
+    if every:
+        elements = Elements(model, plan, modal.shape)
+        pairs = [(elements.stiffness(one.stiffness, one.coefficient), elements.mass(one.mass)) for one in every]
+        stiffness, mass = (torch.stack(part) for part in zip(*pairs, strict=True))
     felt = to_reading(through_each(modal, stiffness, mass, chain.laplace))
     common += [(one.name, change) for one, change in zip(every, felt, strict=True)]
     damped = imperfections.std("damping_scatter")

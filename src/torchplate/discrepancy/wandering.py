@@ -16,6 +16,8 @@ from torchplate.plate import Plan, Unevenness
 
 # Step of the plate's section from which the change of its matrices is taken: they are polynomials of low order in it.
 STEP = 1e-4
+# Weights are a multiple of others to rounding, or they are not.
+ALIKE = 1e-14
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,8 @@ class Elements:
         heavy = float(Unevenness.measure(plan.section.areal_mass, plan.geometry))
         self._heavy = heavy * (model.assembly.mass_pattern.to(rows) @ self._rows).flatten(0, 1)
         self._turned: dict[int, tuple[Tensor, Tensor]] = {}
+        self._last: tuple[Tensor, Tensor] | None = None
+        self._alike: tuple[Tensor, Tensor] | None = None
 
     def stiffness(
         self, weight: Float[Tensor, " n_element"], coefficient: Float[Tensor, "#n_element 6"]
@@ -116,13 +120,25 @@ class Elements:
         if known is None:
             turned = torch.einsum("ek,kpq->epq", coefficient, self._assembly.pattern.to(self._rows)) @ self._rows
             known = self._turned[id(coefficient)] = (coefficient, turned.flatten(0, 1))
-        return self._weighed(weight).mT @ known[1]
+        weighed, multiple = self._weighed(weight)
+        # Thickness and modulus wander alike: what one adds is a multiple of what the other does.
+        if self._alike is None or self._alike[0] is not coefficient:
+            self._alike = coefficient, weighed.mT @ known[1]
+        return multiple * self._alike[1]
 
     def mass(self, weight: Float[Tensor, " n_element"] | None) -> Float[Tensor, "k k"]:
         """What elements heavier by these parts add."""
         if weight is None:
             return self._rows.new_zeros(self._rows.shape[-1], self._rows.shape[-1])
-        return self._weighed(weight).mT @ self._heavy
+        weighed, multiple = self._weighed(weight)
+        return multiple * (weighed.mT @ self._heavy)
 
-    def _weighed(self, weight: Tensor) -> Tensor:
-        return (self._rows * weight[:, None, None]).flatten(0, 1)
+    def _weighed(self, weight: Float[Tensor, " n_element"]) -> tuple[Tensor, float]:
+        """Rows weighed by the elements, and what multiple of that is meant: of weights alike, those of the first."""
+        if self._last is not None:
+            first, weighed = self._last
+            multiple = float(weight @ first) / max(float(first @ first), 1e-300)
+            if float((weight - multiple * first).abs().max()) <= ALIKE * float(weight.abs().max()):
+                return weighed, multiple
+        self._last, self._alike = (weight, (self._rows * weight[:, None, None]).flatten(0, 1)), None
+        return self._last[1], 1.0

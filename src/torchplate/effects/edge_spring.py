@@ -9,11 +9,13 @@ from torch import Tensor
 
 from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative
-from torchplate.plate import EDGES, Local, Mesh
+from torchplate.plate import EDGES, Local, Mesh, transformed
 
 # Gauss points and weights on 0 to 1; three integrate the square of the deflection but for its sixth power.
 POINT = torch.tensor([0.5 - math.sqrt(0.15), 0.5, 0.5 + math.sqrt(0.15)], dtype=torch.float64)
 WEIGHT = torch.tensor([5 / 18, 8 / 18, 5 / 18], dtype=torch.float64)
+# Rows along edges of one mesh are remembered up to this size [bytes]: one edge of a mesh that models are settled on.
+KEPT = 40 * 2**20
 
 
 @dataclass(frozen=True)
@@ -60,23 +62,38 @@ class EdgeSpring(Effect):
 
     def attached(self, mesh: Mesh, terms: Sequence[Local], value: Value) -> Sequence[Local]:
         """The terms before it, then deflection and slope across the edge at the Gauss points of every element there."""
-        edge = self.edge
         spring, rotational = torch.broadcast_tensors(value["stiffness"], value["rotational_stiffness"])
-        along = 1 if edge.startswith("x") else 0
-        sides = mesh.length_x, mesh.length_y
+        along = 1 if self.edge.startswith("x") else 0
         n = mesh.cells[along]
+        deflection, slope = self._rows(mesh, spring)
+        weight = (WEIGHT.repeat(n) * (mesh.length_x, mesh.length_y)[along] / n).to(spring)
+        own = [Local(row, stiffness=k[..., None] * weight) for row, k in ((deflection, spring), (slope, rotational))]
+        return [*terms, *own]
+
+    def _rows(self, mesh: Mesh, like: Tensor) -> tuple[Tensor, Tensor]:
+        """Deflection and slope across the edge: they hang on the mesh alone, which remembers some of them."""
+        key = (self.edge, like.dtype, like.device)
+        found = mesh.known_along_edges.get(key)
+        if found is None:
+            found = self._rows_anew(mesh, like)
+            every = [row for pair in (*mesh.known_along_edges.values(), found) for row in pair]
+            few = sum(row.numel() * row.element_size() for row in every) <= KEPT
+            if few and not transformed() and not torch.is_inference_mode_enabled():
+                mesh.known_along_edges[key] = found
+        return found
+
+    def _rows_anew(self, mesh: Mesh, like: Tensor) -> tuple[Tensor, Tensor]:
+        along = 1 if self.edge.startswith("x") else 0
+        sides, n = (mesh.length_x, mesh.length_y), mesh.cells[along]
 
         def rows(position: Tensor, *order: int) -> Tensor:
-            end = torch.full_like(position, float(edge[1]))
+            end = torch.full_like(position, float(self.edge[1]))
             place = torch.stack([end, position] if along else [position, end], dim=-1)
-            return mesh.deflection_at(place.to(spring), *order)
+            return mesh.deflection_at(place.to(like), *order)
 
-        part = POINT.repeat(n).to(spring)[:, None]
+        part = POINT.repeat(n).to(like)[:, None]
         at_node = rows(torch.linspace(0, 1, n + 1, dtype=torch.float64), along, 1 - along) / sides[1 - along]
         slope = (1 - part) * at_node[:-1].repeat_interleave(3, 0) + part * at_node[1:].repeat_interleave(3, 0)
         deflection = rows(((torch.arange(n)[:, None] + POINT) / n).flatten())
         # Where the edge is cut out there is nothing to hold.
-        slope = slope * (deflection != 0).any(-1, keepdim=True)
-        weight = (WEIGHT.repeat(n) * sides[along] / n).to(spring)
-        own = [Local(row, stiffness=k[..., None] * weight) for row, k in ((deflection, spring), (slope, rotational))]
-        return [*terms, *own]
+        return deflection, slope * (deflection != 0).any(-1, keepdim=True)

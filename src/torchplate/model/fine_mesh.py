@@ -36,9 +36,11 @@ SPARE = 8
 # Steps of inverse iteration from modes of a coarser mesh.
 N_STEP = 2
 # Steps of inverse iteration from a space that nearly holds the modes, at most; relative change of the eigenvalues at
-# which they are at rest: the highest modes that are wanted come last, those three times lower long before; and columns
-# drawn at random beside that space, for modes that are none of its kind.
-MOST_STEPS, AT_REST, N_DRAWN = 8, 1e-6, 8
+# which they are at rest: the highest modes that are wanted come last, those three times lower long before; columns
+# drawn at random beside that space, for modes that are none of its kind; and modes beyond those that are wanted.
+MOST_STEPS, AT_REST, N_DRAWN, BEYOND = 8, 1e-6, 8, 2
+# The same for these: a tenth of how far twins are apart at most.
+APART = 1e-3
 # Part of the strongest of these columns below which one is made of rounding.
 ROUNDING = 1e-12
 
@@ -255,13 +257,17 @@ class SparseModel:
             stiffness = moved.T @ forces - SHIFT * np.eye(moved.shape[1])
             value, turn = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T))
             found = moved @ turn
-            count = max(n_mode, int((value <= (2 * np.pi * frequency) ** 2).sum()))
+            # With some beyond, of which one may be the twin of the last.
+            count = BEYOND + max(n_mode, int((value <= (2 * np.pi * frequency) ** 2).sum()))
             if count < min(len(value), len(before)):
-                change = float((np.abs(value[:count] - before[:count]) / (value[:count] + 2 * SHIFT)).max(initial=0.0))
+                moved_by = np.abs(value[:count] - before[:count]) / (value[:count] + 2 * SHIFT)
+                # Of those beyond it is enough to see which are twins.
+                moved_by[count - BEYOND :] *= AT_REST / APART
+                change = float(moved_by.max(initial=0.0))
                 if change <= AT_REST:
                     like = self.model.known
-                    shape = np.ascontiguousarray(found[:own, : count + 1])
-                    return Modes(torch.from_numpy(value[: count + 1]).to(like), torch.from_numpy(shape).to(like))
+                    shape = np.ascontiguousarray(found[:own, :count])
+                    return Modes(torch.from_numpy(value[:count]).to(like), torch.from_numpy(shape).to(like))
                 # At this rate it would not be at rest in time.
                 if np.isfinite(last) and change * (change / last) ** left > AT_REST:
                     return None

@@ -260,6 +260,11 @@ class Mesh:
         return found
 
     @cached_property
+    def known_along_edges(self) -> dict[tuple[object, ...], tuple[Tensor, Tensor]]:
+        """Rows of deflection and slope along edges, as what holds an edge remembers them."""
+        return {}
+
+    @cached_property
     def _known_deflection(self) -> dict[tuple[object, ...], Tensor]:
         return {}
 

@@ -31,8 +31,9 @@ LEAST_DAMPING = 1e-14
 
 Against the squared singular values of the scaled Jacobian it is without effect up to a condition number of 1e6.
 """
-ROWS_AT_ONCE = 2**14
-"""Rows of J that are factored at a time: at forty columns 5 MiB, which a processor's cache holds."""
+# Rows of J that are copied and factored at a time, so that of many residuals no second J is made; and of these, those
+# that are factored together: with some tens of columns they stay in the cache.
+ROWS_AT_ONCE, BLOCK = 2**14, 512
 
 
 _STATUSES = list(LeastSquaresStatus)
@@ -209,23 +210,29 @@ def least_squares(
 def _triangular(
     jacobian: Float[Tensor, "n_start n_residual n_dimension"], residual: Float[Tensor, "n_start n_residual"]
 ) -> Float[Tensor, "n_start n_row n_both"]:
-    """R of [J r] = QR, some rows after others: a copy of all of them is never made.
-
-    R of the factors of all parts, one below the other, is that of the whole but for signs (Demmel, Grigori, Hoemmen and
-    Langou, SIAM J. Scientific Computing 34, 2012, A206: TSQR).
-    """
-
-    def factor(rows: Tensor) -> Tensor:
-        return torch.linalg.qr(rows, mode="r").R
-
+    """R of [J r] = QR, some rows after others: a copy of all of them is never made."""
     # Parts that have more rows than columns, so that their factors are small.
     n_row = max(ROWS_AT_ONCE, 4 * (jacobian.shape[-1] + 1))
     # Without numbers there is nothing to factor, and LAPACK need not see NaN.
     parts = [
-        factor(torch.cat((some, of_some.unsqueeze(-1)), dim=-1).nan_to_num_(0.0, 0.0, 0.0))
+        triangular_factor(torch.cat((some, of_some.unsqueeze(-1)), dim=-1).nan_to_num_(0.0, 0.0, 0.0))
         for some, of_some in zip(jacobian.split(n_row, dim=1), residual.split(n_row, dim=1), strict=True)
     ]
-    return parts[0] if len(parts) == 1 else factor(torch.cat(parts, dim=1))
+    return parts[0] if len(parts) == 1 else triangular_factor(torch.cat(parts, dim=1))
+
+
+def triangular_factor(matrix: Float[Tensor, "*batch n_row n"]) -> Float[Tensor, "*batch n_least n"]:
+    """R of matrix = QR, its rows' signs left open: of blocks of rows, which stay in the cache, then of their factors.
+
+    As exact as one factorisation of all rows (Demmel et al., SIAM J. Sci. Comput. 34, 2012, A206).
+    """
+    n_row, n = matrix.shape[-2:]
+    n_block = n_row // BLOCK if n < BLOCK // 2 else 0
+    if n_block > 1:
+        whole, rest = matrix.split([n_block * BLOCK, n_row - n_block * BLOCK], dim=-2)
+        factors = torch.linalg.qr(whole.unflatten(-2, (n_block, BLOCK)), mode="r").R.flatten(-3, -2)
+        matrix = torch.cat([factors, rest], dim=-2)
+    return torch.linalg.qr(matrix, mode="r").R
 
 
 def _spread(rows: Tensor, where: Tensor, like: Tensor) -> Tensor:
