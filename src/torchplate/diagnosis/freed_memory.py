@@ -8,9 +8,19 @@ the holes back when it is asked; elsewhere (macOS, musl) nothing is done. Source
 import ctypes
 import sys
 
+# Bytes of a column from which on it is worth the milliseconds, and that the system clears pages that are taken anew:
+# some seventy columns of nuisances, fifty of a Jacobian and as many in passing are then a hundred megabytes.
+LONG = 2**19
 
-def hand_back() -> None:
-    """Now: some milliseconds, and the system clears those pages again that are taken anew."""
+
+def hand_back(n_byte: int) -> None:
+    """Now, where it is worth it.
+
+    Args:
+        n_byte: of a column of what is made next, as long as all FRFs that are looked at.
+    """
+    if n_byte < LONG:
+        return
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
     if trim is not None:
         trim(ctypes.c_size_t(0))

@@ -54,9 +54,11 @@ class Beside:
 
 
 def _made(make: Callable[[], Marginal]) -> Marginal:
-    """What is made, kept beside the last ones as far as these are not too large."""
-    found = make()
-    LAST.append(found)
+    """What is made, kept beside the last ones as far as these are not too large; there is room for it before it is."""
+    # It will be about as large as the newest.
+    while LAST and sum(one.nbytes for one in LAST) + LAST[-1].nbytes > MOST_KEPT:
+        LAST.popleft()
+    LAST.append(found := make())
     while len(LAST) > 1 and sum(one.nbytes for one in LAST) > MOST_KEPT:
         LAST.popleft()
     return found
