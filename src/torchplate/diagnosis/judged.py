@@ -19,10 +19,10 @@ from torchplate.discrepancy import UNIFORM, Found, Judged, Marginal, Specimens, 
 from torchplate.model import PlateModel
 from torchplate.search import JACOBIANS
 
-# Noise and nuisances that were made last, which are likely to be asked for again: so many at most, and no more than the
-# newest beyond so many bytes of their columns (128 MiB).
-N_LAST, MOST_KEPT = 3, 2**27
-LAST: deque[Marginal] = deque(maxlen=N_LAST)
+# Noise and nuisances that were made last, which are likely to be asked for again; and how many bytes of their columns
+# are kept beyond the newest (128 MiB).
+LAST: deque[Marginal] = deque(maxlen=3)
+MOST_KEPT = 2**27
 
 
 class Beside:
