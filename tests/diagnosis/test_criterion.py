@@ -188,6 +188,14 @@ def test_no_test_counts_more_than_the_model_of_noise_and_nuisances_is_worth(n_mo
         assert effective[-1] == pytest.approx(min(n_modal, effective[0]), rel=0.02)
 
 
+def test_where_twice_the_noise_is_left_half_of_it_says_no_more_than_modes_do():
+    n, n_modal = 3e5, 60.0
+    independent = 1 / n + SETTINGS.misspecified
+    assert independent < 1 / n_modal
+    found = weight_of([fitted(0.0, n=n, noise_scale=2**0.5, n_modal=n_modal)])
+    assert 1 / (n * found) == pytest.approx(0.5 * independent + 0.5 / n_modal, rel=1e-9)
+
+
 def test_where_modes_wander_by_more_than_their_width_they_count_by_their_number():
     found = [weight_of([fitted(0.0, second_order=part)]) * N for part in (0.0, 0.3, 0.9, 1.0)]
     assert found == sorted(found, reverse=True)

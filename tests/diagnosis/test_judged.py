@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from torchplate.diagnosis import judged
 from torchplate.diagnosis.judged import LAST
+from torchplate.diagnosis.target import FrfTarget
 from torchplate.measurement import Imperfections
 
 
@@ -31,9 +32,13 @@ def test_of_many_frfs_only_the_newest_nuisances_are_kept(lab, monkeypatch):
     large = target.marginal(fit.reduced, fit.theta).nbytes
     # At least as many columns as the six FRFs share, each as long as all of them, real and imaginary parts.
     assert large > 8 * 2 * target.measured.numel() * 6
+    made, beside = FrfTarget.marginal, []
+    monkeypatch.setattr(FrfTarget, "marginal", lambda *told: beside.append(len(LAST)) or made(*told))
     for most, n_kept in ((2.5 * large, 2), (0.5 * large, 1)):
         monkeypatch.setattr(judged, "MOST_KEPT", most)
         every = [judged.beside(target, fit.reduced, fit.theta) for _ in range(3)]
         assert len(LAST) == n_kept
+        # There was room for the last one before it was made.
+        assert beside[-1] == n_kept - 1
         # What is asked for is there again.
         assert every[0]() is LAST[-1]

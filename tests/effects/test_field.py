@@ -105,3 +105,10 @@ def test_a_config_holds_a_field_as_a_list(tmp_path):
 def test_a_search_for_what_is_missing_never_names_it():
     section = PlateModel(Mesh(*SIDES, 4, 3), {"plate": Plate(), "loss": HystereticDamping()}, METAL).plan(NONE).section
     assert not Field.may_be_missing(section)
+
+
+def test_without_a_grid_it_has_a_node_at_each_corner_of_the_plate():
+    field = Field("mass")
+    assert field.nodes_at.tolist() == [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+    assert list(field.parameters) == ["value_1", "value_2", "value_3", "value_4"]
+    assert all(one.neutral == 0.0 for one in field.parameters.values())

@@ -206,6 +206,8 @@ def test_a_reduced_basis_gives_the_projection_of_the_full_matrices(n_element: in
     reduced = Assembly(mesh, basis, by_element)
     assert reduced.size == 7
     assert (reduced.elements is not None) == by_element
+    # All of it follows from mesh and basis: there is no state to keep.
+    assert not reduced.state_dict()
     rigidity, areal_mass = random_rigidity(2, n_element, seed=16), random_areal_mass(2, n_element, seed=17)
     rows = mesh.deflection_at(mesh.places([8, (0.33, 0.6)]))
     for found, expected in (

@@ -86,6 +86,19 @@ def test_there_is_nothing_inside_a_hole_and_its_edge_belongs_to_the_plate() -> N
     torch.testing.assert_close(found, build(HOLED).natural_frequencies(NONE, 8))
 
 
+@pytest.mark.parametrize("off", [-1e-9, 1e-9], ids=["before", "beyond"])
+def test_a_place_on_the_edge_of_a_hole_is_on_the_plate_whatever_rounding_makes_of_it(off: float) -> None:
+    """In the middle of each edge, and at the corners: seen from the hole, the plate begins on the other side of it."""
+    x, y = (0.2, 0.4, 0.6), (0.25, 0.5, 0.75)
+    edge = [(a, b) for a in x for b in y if (a, b) != (0.4, 0.5)]
+    place = torch.tensor(edge, dtype=torch.float64)
+    on_it, beside = (HOLED.deflection_at(place + by) for by in (0.0, off))
+    # Rigid motion is what the place says, and shape functions change by some part of what the place does.
+    held = HOLED.rigid_translation
+    torch.testing.assert_close(beside @ held, torch.ones(len(edge)).double(), rtol=1e-12, atol=0.0)
+    torch.testing.assert_close(beside, on_it, rtol=0.0, atol=1e-7)
+
+
 def test_springs_along_an_edge_hold_what_is_left_of_it() -> None:
     notch = Mesh(0.5, 0.3, 5, 4, cut=((0.8, 0.0, 1.0, 0.5),))
     spring = {"edge.stiffness": 1e4, "edge.rotational_stiffness": 0.0}

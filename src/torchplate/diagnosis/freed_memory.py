@@ -8,17 +8,19 @@ the holes back when it is asked; elsewhere (macOS, musl) nothing is done. Source
 import ctypes
 import sys
 
-# Numbers of a column from which on it is done: half a megabyte, of which there are a hundred. Below, what the system
-# clears anew is a twentieth of the time of a diagnosis, and the memory is none to speak of.
-MUCH = 2**16
+# Bytes of a column from which on it is worth the milliseconds, and that the system clears pages that are taken anew:
+# some seventy columns of nuisances, fifty of a Jacobian and as many in passing are then a hundred megabytes.
+LONG = 2**19
 
 
-def hand_back(n_number: int = MUCH) -> None:
-    """Now: some milliseconds, and the system clears those pages again that are taken anew.
+def hand_back(n_byte: int) -> None:
+    """Now, where it is worth it.
 
     Args:
-        n_number: of what is to be made, in one column; below `MUCH` nothing is done.
+        n_byte: of a column of what is made next, as long as all FRFs that are looked at.
     """
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if n_number >= MUCH and sys.platform == "linux" else None
+    if n_byte < LONG:
+        return
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
     if trim is not None:
         trim(ctypes.c_size_t(0))

@@ -19,10 +19,10 @@ from torchplate.discrepancy import UNIFORM, Found, Judged, Marginal, Specimens, 
 from torchplate.model import PlateModel
 from torchplate.search import JACOBIANS
 
-# Noise and nuisances that were made last, which are likely to be asked for again: so many at most, and no more than the
-# newest beyond so many bytes of their columns (128 MiB).
-N_LAST, MOST_KEPT = 3, 2**27
-LAST: deque[Marginal] = deque(maxlen=N_LAST)
+# Noise and nuisances that were made last, which are likely to be asked for again; and how many bytes of their columns
+# are kept beyond the newest (128 MiB).
+LAST: deque[Marginal] = deque(maxlen=3)
+MOST_KEPT = 2**27
 
 
 class Beside:
@@ -54,9 +54,11 @@ class Beside:
 
 
 def _made(make: Callable[[], Marginal]) -> Marginal:
-    """What is made, kept beside the last ones as far as these are not too large."""
-    found = make()
-    LAST.append(found)
+    """What is made, kept beside the last ones as far as these are not too large; there is room for it before it is."""
+    # It will be about as large as the newest.
+    while LAST and sum(one.nbytes for one in LAST) + LAST[-1].nbytes > MOST_KEPT:
+        LAST.popleft()
+    LAST.append(found := make())
     while len(LAST) > 1 and sum(one.nbytes for one in LAST) > MOST_KEPT:
         LAST.popleft()
     return found

@@ -227,7 +227,7 @@ class FrfTarget:
             specimen: whether it may be any further off.
         """
         # Its columns are most of the memory of a diagnosis.
-        hand_back(2 * self.measurement.frf.numel())
+        hand_back(self.measured.nbytes)
         if about is not None and about.channels is not None and self.noise.resonances is None:
             # Without resonances no drift can be taken off what was measured.
             about = about._replace(channels=about.channels.without_drift())

@@ -80,8 +80,7 @@ def screen(
         says: what the baseline is better known to say; left out, what it says in the basis. Changes beside it are those
             of the basis.
     """
-    n_number = 2 * builder.target.measurement.frf.numel()
-    hand_back(n_number)
+    hand_back(builder.target.measured.nbytes)
     level = builder.target.levels - 1 if near is not None else builder.target.settings.wide.screened
     here = Problem(builder, base, prior, near)
     position = base.space.to_cube(theta)
@@ -102,7 +101,7 @@ def screen(
     left = residual - (residual @ known) @ known.mT
     products = Products(near, left, known, draws, len(residual) - n_told)
     # What whitening took, of draws above all.
-    hand_back(n_number)
+    hand_back(builder.target.measured.nbytes)
     felt = known.mT @ residual
 
     def makes_room(taken: Tensor) -> Tensor:
