@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate
@@ -379,8 +380,24 @@ class Ranking:
                     starts.append(starts[0].clone())
                     starts[-1][column] = 0.5 * (starts[0][column] + end)
             about = known_section(one.fit)
-            found.append(self.refits.refit(state, detailed, one.label, torch.stack(starts), about=about))
+            ended = self.refits.refit(state, detailed, one.label, torch.stack(starts), about=about)
+            if not is_noise(ended.fit):
+                # Where edges come to lie on lines of the mesh there are ends that are none: from an element beside, too.
+                beside = self._an_element_beside(whole, ended)
+                again = self.refits.refit(state, detailed, one.label, beside, about=known_section(ended.fit))
+                ended = min(ended, again, key=lambda each: each.cost)
+            found.append(ended)
         return found
+
+    def _an_element_beside(self, whole: PlateModel, ended: Hypothesis) -> Float[Tensor, "n_start n"]:
+        """Starts on the unit cube whose place is half an element's side further along each side, either way."""
+        here, (n_x, n_y) = whole.space.to_cube(ended.fit.theta), self.builder.mesh.cells
+        starts = []
+        for axis, n in (("x", n_x), ("y", n_y)):
+            for way in (-0.5, 0.5):
+                starts.append(here.clone())
+                starts[-1][whole.names.index(f"{ended.label}.{axis}")] += way / n
+        return torch.stack(starts).clamp(0.0, 1.0)
 
 
 def _never(best: Fit) -> float:
