@@ -382,7 +382,7 @@ class Ranking:
             about = known_section(one.fit)
             ended = self.refits.refit(state, detailed, one.label, torch.stack(starts), about=about)
             if not is_noise(ended.fit):
-                # Where edges come to lie on lines of the mesh there are ends that are none: from an element beside, too.
+                # Where edges come to lie on lines of the mesh are ends that are none: from an element beside, too.
                 beside = self._an_element_beside(whole, ended)
                 again = self.refits.refit(state, detailed, one.label, beside, about=known_section(ended.fit))
                 ended = min(ended, again, key=lambda each: each.cost)
