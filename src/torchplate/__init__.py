@@ -129,9 +129,9 @@ def __getattr__(name: str) -> Any:
     """A public name from the room it lives in, or a room; then it stays."""
     value: Any
     if name == "__version__":
-        from importlib.metadata import version
+        from torchplate.cli.machine.installed import version_of
 
-        value = version("torchplate-fem")
+        value = version_of("torchplate-fem")
     elif name in _ROOM:
         value = getattr(import_module(f"{__name__}.{_ROOM[name]}"), name)
     elif not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:

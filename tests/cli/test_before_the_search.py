@@ -1,5 +1,7 @@
 """What is said before a search is on the terminal of `run` and `diagnose`, one line each, and with callers."""
 
+import importlib.metadata
+import json
 from io import StringIO
 
 import pytest
@@ -7,6 +9,7 @@ from rich.console import Console
 
 import torchplate
 from torchplate.cli.config.build import load_run
+from torchplate.cli.machine import installed
 from torchplate.cli.main import main
 from torchplate.cli.verbs.diagnose import diagnose
 from torchplate.cli.verbs.run import run
@@ -140,3 +143,16 @@ def test_the_version_is_that_of_the_package(capsys):
     assert ended.value.code == 0
     assert capsys.readouterr().out == f"torchplate {torchplate.__version__}\n"
     assert torchplate.__version__[0].isdigit()
+
+
+def test_a_package_that_is_not_installed_still_runs_and_says_so(bench, make_config, monkeypatch):
+    def version(name):
+        if name == "torchplate-fem":
+            raise importlib.metadata.PackageNotFoundError(name)
+        return found(name)
+
+    found = importlib.metadata.version
+    monkeypatch.setattr(installed, "version", version)
+    monkeypatch.delattr(torchplate, "__version__", raising=False)
+    written = run(bench.write(make_config()), bench.folder / "out")
+    assert json.loads((written.folder / "versions.json").read_text())["torchplate-fem"] == "not installed"

@@ -14,6 +14,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from torchplate.cli.config.build import load_model, load_run
 from torchplate.cli.config.plate_test import tolerances
+from torchplate.cli.machine import device as machine
 from torchplate.cli.main import main
 from torchplate.cli.verbs.diagnose import _say, diagnose
 from torchplate.cli.verbs.plan import plan, read_doubts
@@ -340,6 +341,15 @@ def test_bad_input_is_refused_in_one_sentence(bench, make_config, command, case)
     out = bench.folder / "out"
     refused(command("diagnose", path, "--out", out), "plate.yaml", *words)
     assert not out.exists()
+
+
+def test_another_device_is_said_to_bring_a_diagnosis_nothing(monkeypatch, capsys):
+    monkeypatch.setattr(machine, "device_named", lambda _: torch.device("meta"))
+    machine.on_cpu_alone("cuda", "A diagnosis", Console())
+    assert "A diagnosis computes on the CPU" in capsys.readouterr().out
+    monkeypatch.setattr(machine, "device_named", torch.device)
+    machine.on_cpu_alone("cpu", "A diagnosis", Console())
+    assert not capsys.readouterr().out
 
 
 def test_a_bad_override_a_device_and_a_file_for_a_folder_are_refused(bench, make_config, command):

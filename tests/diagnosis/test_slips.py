@@ -47,10 +47,10 @@ def test_a_thickness_that_was_written_down_wrongly_is_named(lab):
     assert found.verdict in ("explained", "partly_explained")
 
 
-def test_a_light_mass_is_found_in_sixty_lines(lab):
+def test_a_light_mass_is_found_in_sixty_lines(lab, device):
     hidden = {"lump": (CATALOGUE["point_mass"](), {"x": 0.27, "y": 0.68, "mass": 0.024})}
     lines = torch.linspace(5.0, 400.0, 60, dtype=torch.float64)
-    found = tp.diagnose(believed(lab), hammered(lab, lines, hidden))
+    found = tp.diagnose(believed(lab).to(device), hammered(lab, lines, hidden).to(device))
     (named,) = [one for one in found.effects if one.name != "mesh_discretisation"]
     assert named.name == "point_mass"
     assert named.parameters["mass"].low <= 0.024 <= named.parameters["mass"].high

@@ -2,12 +2,15 @@
 
 import dataclasses
 import json
+import math
 
 import pytest
+import torch
 
 import torchplate as tp
 from torchplate.identification import Result
 from torchplate.measurement import MeasurementError
+from torchplate.search import LeastSquares
 
 SEARCHED = ["plate.youngs_modulus", "wires.stiffness"]
 # A strategy that settles in few generations.
@@ -28,6 +31,34 @@ def test_the_truth_of_exact_frfs_is_found(found, bench):
     assert found.parameters["wires.stiffness"].unit == "N/m"
     assert found.objective == pytest.approx(0.0, abs=1e-6)
     assert found.theta.tolist() == [value.value for value in found.parameters.values()]
+
+
+def test_a_model_on_any_device_is_searched_there_and_found(bench, found, device):
+    model = bench.plate(SEARCHED).to(device)
+    there = tp.identify(model, bench.exact_frfs().to(device), search=SEARCH, seed=1, n_generation=6, polish=True)
+    assert model.known.device.type == device.type
+    for name, value in there.parameters.items():
+        assert value.value == pytest.approx(found.parameters[name].value, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "search",
+    [tp.ArtificialBeeColony(n_member=5), tp.LShade(n_member=10), tp.Sade(n_member=10), LeastSquares(n_member=2)],
+    ids=lambda search: type(search).__name__,
+)
+def test_every_search_runs_on_any_device(bench, search, device):
+    model = bench.plate(SEARCHED).to(device)
+    told = []
+    for more in ({"precision": "single"}, {"basis": "full"}):
+        measured = bench.exact_frfs()
+        table = model.on("cpu").natural_frequencies(torch.tensor([bench.truth[name] for name in SEARCHED]), 8)
+        given = {4: float(table[3]), 6: float(table[5])}
+        there = tp.identify(
+            model, measured, search=search, n_generation=2, natural_frequencies=given, on_generation=told.append, **more
+        )
+        assert math.isfinite(there.objective)
+        assert there.theta.device.type == "cpu"
+    assert {part.device.type for one in told for part in (one.best_position, *one.checkpoint().values())} == {"cpu"}
 
 
 def test_to_dict_has_the_keys_of_result_json(found):

@@ -82,6 +82,19 @@ def test_frfs_hold_over_the_whole_box(mesh, kind):
     assert frf_error(model, small, members(model, 6)) < BEYOND_CHECKED * TOLERANCE
 
 
+@pytest.mark.parametrize(
+    "searched", [BOX, {"plate.youngs_modulus": Searched(5.8e10, 8.3e10)}], ids=["box", "shared modes"]
+)
+def test_a_model_on_any_device_is_reduced_and_evaluated_there(searched, device):
+    model = plate(MESHES["rectangle"], searched)
+    (here, said), (there, said_there) = reduce(model, FREQUENCY), reduce(model.on(device), FREQUENCY.to(device))
+    theta = members(model, 3)
+    found = there.frf(theta.to(device), FREQUENCY.to(device))
+    assert (found.device.type, said_there) == (device.type, pytest.approx(said, rel=0.1))
+    # Both hold to the tolerance, so that they differ by two of it at most.
+    assert float((found.cpu() - here.frf(theta, FREQUENCY)).norm() / found.cpu().norm()) <= 2 * TOLERANCE
+
+
 def test_transmissibility_holds_over_the_whole_box():
     model = plate(MESHES["cantilever"], kind="transmissibility")
     small, error = reduce(model, FREQUENCY, tolerance=TOLERANCE)

@@ -26,7 +26,7 @@ FREE = {
 @torch.no_grad()
 def main() -> None:
     """Print both."""
-    test = plate_test(load_run("runs/real/cantilever/model.yaml"), torch.device("cpu"))
+    test = plate_test(load_run("runs/real/cantilever/model.yaml"))
     assert test.measurement is not None
     frequency, measured = test.measurement.frequency, test.measurement.frf[:, 0, 0]
     free = test.model.replaced(searched={name: one for name, (one, _) in FREE.items()})

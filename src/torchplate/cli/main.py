@@ -41,9 +41,9 @@ class _Version(argparse.Action):
         super().__init__(option_strings, dest, nargs=0, help="show the version and exit")
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from importlib.metadata import version
+        from torchplate.cli.machine.installed import version_of
 
-        print(f"torchplate {version('torchplate-fem')}")
+        print(f"torchplate {version_of('torchplate-fem')}")
         parser.exit()
 
 

@@ -36,7 +36,8 @@ def diagnose(
     """Find where a model and a measurement disagree, name what is missing, add it, and show the gap shrink.
 
     Args:
-        model: the model as it is believed; its searched parameters are fitted, its numbers are not.
+        model: the model as it is believed; its searched parameters are fitted, its numbers are not. All is done on the
+            CPU, wherever it is.
         measurement: FRFs; the model's responses and references are theirs.
         natural_frequencies: a table instead of FRFs.
         tolerance: how well numbers are known: "label.parameter", "mesh.length_x" → standard deviation in SI units.
@@ -54,8 +55,8 @@ def diagnose(
         raise ValueError("Expected either FRFs or natural frequencies, got both or neither. Give one of them.")
     if measurement is None:
         assert natural_frequencies is not None
-        return diagnose_table(model, natural_frequencies, tolerance=tolerance, say=say)
-    began = time.monotonic()
+        return diagnose_table(model.on("cpu"), natural_frequencies.to("cpu"), tolerance=tolerance, say=say)
+    began, model, measurement = time.monotonic(), model.on("cpu"), measurement.to("cpu")
     noise = noise_level(measurement, n_average)
     if (step := line_step(measurement)) > 1:
         measurement, noise = measurement.every(step), noise.every(step)

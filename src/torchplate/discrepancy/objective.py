@@ -90,6 +90,10 @@ class Objective:
         """The same objective of another model."""
         return Objective(model, self.evidence, self.kind, self.natural_frequency_weight)
 
+    def on(self, device: torch.device | str) -> "Objective":
+        """The same objective with its tensors on `device`; this one's stay where they are."""
+        return self.of(self.model.on(device))
+
     def __call__(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch"]:
         """The gap of each member."""
         total = theta.new_zeros(theta.shape[:-1])

@@ -65,6 +65,7 @@ def identify(
 
     Args:
         model: whose searched parameters are found; or one plate in several states, which bring their measurements.
+            Where it is on another device, the generations are evaluated there, and all else on the CPU.
         measurement: FRFs, already cut to their band. Its channels are matched to the plate by their coordinates, else
             by node number; where they have neither, the model's responses and references stand for them.
         search: the optimiser; Differential Evolution with its defaults if left out.
@@ -109,6 +110,8 @@ def identify(
         given, measurement = measurement, measurement.without_zeros()
         for note in measurement.notes[len(given.notes) :]:
             say(note)
+    device = model.known.device
+    model = model.on("cpu")
     modal = ModalEvidence.of(model, modal_model) if isinstance(modal_model, ModalModel) else modal_model
     evidence = Evidence(measurement, table, gain_is_unknown, n_average, modal)
     if measurement is not None:
@@ -121,6 +124,7 @@ def identify(
         lambda job: job.search(on_generation),
         resume=resume,
         say=say,
+        device=device,
     ).result
 
 
@@ -134,6 +138,7 @@ def identified(
     resume: Checkpoint | None = None,
     say: Callable[[str], object] = lambda _: None,
     prepared: Callable[[Objective], object] = lambda _: None,
+    device: torch.device | str = "cpu",
 ) -> Identified:
     """Choose a basis, search, finish, confirm, and say what was found.
 
@@ -145,6 +150,7 @@ def identified(
         resume: what it goes on from.
         say: is told what is being done, a line each.
         prepared: is shown the objective in the basis that is searched in, before it is evaluated; it may refuse.
+        device: where the generations are evaluated.
     """
     model = objective.model
     searched, error = in_reduced_basis(objective, settings.basis, say, settings.precision)
@@ -152,7 +158,7 @@ def identified(
     if not model.names:
         result = _result(objective, searched, model.known.new_zeros(1, 0), None, search, settings, error)
         return Identified(result, searched, None)
-    outcome = run(Job(searched, search, settings, resume))
+    outcome = run(Job(searched, search, settings, resume, device))
     if settings.polish and not isinstance(search, LeastSquares):
         outcome = polished(searched, outcome, say)
     if searched is not objective:

@@ -58,24 +58,32 @@ class Job:
         optimizer: how.
         settings: its budget, seed and number of repeats.
         checkpoint: what it goes on from, if anything.
+        device: where the generations are evaluated; what comes before and after is done on the CPU.
     """
 
     objective: Objective
     optimizer: Optimizer[Any] | LeastSquares
     settings: Settings
     checkpoint: Checkpoint | None = None
+    device: torch.device | str = "cpu"
 
     def search(
         self, on_generation: Callable[[Progress], object] | None = None, group: dist.ProcessGroup | None = None
     ) -> Outcome:
-        """Search, alone or with a group of processes that do the same.
+        """Search, alone or with a group of processes that do the same; what it tells and finds is on the CPU.
 
         Args:
             on_generation: see `minimize`.
             group: the processes that share each generation.
         """
-        searched, settings = self.objective, self.settings
+        settings, searched = self.settings, self.objective
+        if torch.device(self.device).type != "cpu":
+            searched = searched.on(self.device)
         space, known = searched.model.space, searched.model.known
+
+        def report(progress: Progress) -> None:
+            if on_generation is not None:
+                on_generation(progress.to("cpu"))
 
         def objective(position: torch.Tensor) -> torch.Tensor:
             return searched(space.to_si(position))
@@ -97,8 +105,8 @@ class Job:
                 n_generation=settings.n_generation,
                 n_evaluation=settings.n_evaluation,
                 dtype=known.dtype,
-                on_generation=on_generation,
-            )
+                on_generation=None if on_generation is None else report,
+            ).to("cpu")
         outcome = minimize(
             fitness if group is None else ShardedObjective(fitness, group),
             self.optimizer,
@@ -111,10 +119,10 @@ class Job:
             tolerance=settings.tolerance,
             stagnation=settings.stagnation,
             dtype=known.dtype,
-            on_generation=on_generation,
+            on_generation=None if on_generation is None else report,
             resume=self.checkpoint,
         )
         if in_single is searched:
-            return outcome
+            return outcome.to("cpu")
         with torch.no_grad():
-            return outcome._replace(best_objective=objective(outcome.best_position))
+            return outcome._replace(best_objective=objective(outcome.best_position)).to("cpu")

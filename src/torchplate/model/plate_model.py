@@ -1,5 +1,6 @@
 """The model of one measured plate, as a torch module: parameters in, FRFs and natural frequencies out."""
 
+import copy
 import functools
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -71,6 +72,10 @@ class PlateModel(PlateVariants):
         value, shape = solve_modes(*system.undamped())
         modes = Modes(value, shape[..., : self.assembly.size, :])
         return Modes(*(part.float() for part in modes)) if single else modes
+
+    def on(self, device: torch.device | str) -> "PlateModel":
+        """The same model with its tensors on `device`; this one's stay where they are."""
+        return self if self.known.device == torch.device(device) else copy.deepcopy(self).to(device)
 
     def natural_frequencies(
         self, theta: Numbers, n_mode: int = 20, *, check: bool = True

@@ -71,6 +71,11 @@ def reduce(
         the dofs would be needed, or no basis is as good as the tolerance. Where all members share their modes it holds
         those: see `shared_modes`.
     """
+    if (device := model.known.device).type != "cpu":
+        # Sparse solves are made on the CPU.
+        lines, members = (None if given is None else given.cpu() for given in (frequency, also))
+        found_there = reduce(model.on("cpu"), lines, n_mode, tolerance, members)
+        return None if found_there is None else (found_there[0].to(device), found_there[1])
     build, probes, more, ends = _members(model)
     everyone = torch.cat([build, *probes, more, ends])
     fine = model.assembly.size > fine_mesh.DENSE

@@ -3,6 +3,7 @@
 from enum import Enum
 from typing import NamedTuple
 
+import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
@@ -60,6 +61,11 @@ class Outcome(NamedTuple):
     population: Float[Tensor, "*batch n_member n_dimension"]
     fitness: Float[Tensor, "*batch n_member"]
 
+    def to(self, device: torch.device | str) -> "Outcome":
+        """Move every tensor to `device`."""
+        moved = {key: part.to(device) for key, part in self._asdict().items() if isinstance(part, Tensor)}
+        return Outcome(status=self.status, **moved)
+
 
 class Progress(NamedTuple):
     """Where a search stands after a generation; generation 0 is the initial population.
@@ -81,6 +87,12 @@ class Progress(NamedTuple):
     mean_objective: Float[Tensor, "*batch"]
     spread: Float[Tensor, "*batch"]
     snapshot: Checkpoint
+
+    def to(self, device: torch.device | str) -> "Progress":
+        """Move every tensor to `device`."""
+        moved = {key: part.to(device) for key, part in self._asdict().items() if isinstance(part, Tensor)}
+        snapshot = {key: part.to(device) for key, part in self.snapshot.items()}
+        return Progress(generation=self.generation, snapshot=snapshot, **moved)
 
     def checkpoint(self) -> Checkpoint:
         """A plain dict of tensors; `minimize(..., resume=...)` goes on from it to the identical result."""

@@ -2,21 +2,16 @@
 
 from collections.abc import Callable, Mapping
 
-import torch
-
 from torchplate.cli.config.build import Run
 from torchplate.cli.schema import Known, quantity
 from torchplate.diagnosis import PlateTest
 
 
-def plate_test(
-    recipe: Run, device: torch.device | str = "cpu", say: Callable[[str], object] = lambda _: None, name: str = ""
-) -> PlateTest:
+def plate_test(recipe: Run, say: Callable[[str], object] = lambda _: None, name: str = "") -> PlateTest:
     """What a diagnosis takes, or a plan.
 
     Args:
         recipe: the config.
-        device: where the tensors live.
         say: is told how modes were paired, where shapes were measured.
         name: of the state.
 
@@ -24,7 +19,7 @@ def plate_test(
         InputError: if there are both FRFs and natural frequencies, or the model has no such channel or mode.
     """
     recipe.check_memory(finer=2)  # that the mesh error is taken off by
-    model = recipe.model_as_given().to(device)
+    model = recipe.model_as_given()
     evidence = recipe.checked_evidence(model)
     measurement, table, modal = evidence.measurement, evidence.natural_frequencies, evidence.modal_model
     if measurement is not None and (table or modal) is not None:
@@ -35,8 +30,8 @@ def plate_test(
         table = modal.table(model, say)
     return PlateTest(
         model,
-        None if measurement is None else measurement.to(device),
-        None if table is None else table.to(device),
+        measurement,
+        table,
         tolerances(recipe),
         evidence.n_average,
         evidence.gain_is_unknown,

@@ -4,7 +4,6 @@ import json
 import os
 import platform
 import time
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from torchplate.cli.config import InputError, dump
 from torchplate.cli.config.build import Run, load_run
 from torchplate.cli.folder.checkpoint import fault
 from torchplate.cli.folder.writing import write_text
+from torchplate.cli.machine.installed import version_of
 from torchplate.search import Checkpoint, LeastSquares, Optimizer
 
 PACKAGES = ("torchplate-fem", "torch", "numpy", "scipy", "pyuff", "pydantic", "tensorboard", "matplotlib")
@@ -222,7 +222,7 @@ def relocated(recipe: Run, folder: Path) -> dict[str, Any]:
 
 
 def _versions(device: str) -> dict[str, Any]:
-    packages = {name: version(name) for name in PACKAGES}
+    packages = {name: version_of(name) for name in PACKAGES}
     machine = {"python": platform.python_version(), "platform": platform.platform(), "device": device}
     shared = {"n_thread": torch.get_num_threads(), "n_process": int(os.environ.get("WORLD_SIZE", 1))}
     return machine | shared | packages

@@ -1,6 +1,7 @@
 """The device that `--device` names."""
 
 import torch
+from rich.console import Console
 
 from torchplate.cli.config import InputError
 
@@ -20,3 +21,24 @@ def device_named(name: str) -> torch.device:
             f"--device {name}: Expected a device that torch can use, got none ({reason}). Use cpu."
         ) from None
     return device
+
+
+def on_cpu_alone(name: str, what: str, console: Console) -> None:
+    """Say of work that is done on the CPU that it is, where another device was asked for.
+
+    Args:
+        name: of the device.
+        what: the work.
+        console: where it is said.
+
+    Raises:
+        InputError: if torch cannot use the device.
+    """
+    if device_named(name).type != "cpu":
+        console.print(
+            f"  Note: {what} computes on the CPU: its many problems are too small for --device {name}, which speeds up "
+            "the search of a run of one test.",
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )

@@ -12,6 +12,7 @@ import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from types import FrameType
@@ -105,9 +106,9 @@ class Ranks:
             dist.barrier()
             raise SystemExit(told[0])
         # Written by rank 0 of this very run, so it may hold more than tensors.
-        shared: Shared = torch.load(io.BytesIO(told[0]), map_location=self.device, weights_only=False)
+        shared: Shared = torch.load(io.BytesIO(told[0]), weights_only=False)
         self.shared = shared
-        return shared.job
+        return replace(shared.job, device=self.device)
 
     def leave(self, error: BaseException | None) -> None:
         """Part from the others, and wait until gloo's threads have ended.

@@ -17,7 +17,7 @@ from torchplate.cli.folder.occupied import occupied
 from torchplate.cli.folder.opening import DESCENTS, HYPOTHESES, check_free, diagnosis_folder, open_folder, relocated
 from torchplate.cli.folder.writing import write_files, write_text
 from torchplate.cli.machine.allocator import keep_freed_memory
-from torchplate.cli.machine.device import device_named
+from torchplate.cli.machine.device import device_named, on_cpu_alone
 from torchplate.cli.results.table import plain_table
 from torchplate.cli.verbs.diagnose_change import diagnose_change
 from torchplate.diagnosis import FIRST_REFIT, Diagnosis
@@ -63,7 +63,7 @@ def diagnose(
             well.
         out: the folder; `runs/<config name>/<time>` if left out.
         overrides: "key.key=value" each.
-        device: where the tensors live.
+        device: what was asked for; all is done on the CPU, and said.
         report: whether to write report.md, report.html and the TensorBoard log.
         console: where progress goes.
         force: write over what an earlier diagnosis has left in `out`.
@@ -77,6 +77,7 @@ def diagnose(
     console = console or Console()
     keep_freed_memory()
     recipe = load_run(config, overrides)
+    device_named(device)
     if since is not None or recipe.states:
         if resume:
             raise recipe.error(
@@ -87,15 +88,16 @@ def diagnose(
             write(run, found, where, report, f"{config}{f' --since {since}' if since is not None else ''}")
             _say(console, found, where, CHANGES)
 
-        return diagnose_change(config, since, out, overrides, device_named(device), console, force, written)
+        return diagnose_change(config, since, out, overrides, device, console, force, written)
     folder = diagnosis_folder(recipe, out, resume)
     check_free(folder, "diagnose", force=force, resume=resume)
     paired: list[str] = []
-    test = plate_test(recipe, device_named(device), paired.append)
-    kept = DescentFile(folder / DESCENTS, depends_on(recipe, device))
+    test = plate_test(recipe, paired.append)
+    kept = DescentFile(folder / DESCENTS, depends_on(recipe, "cpu"))
     past = kept.read() if resume else []
     with occupied(folder):
-        open_folder(recipe, folder, device, "diagnose", force=force, resume=resume)
+        open_folder(recipe, folder, "cpu", "diagnose", force=force, resume=resume)
+        on_cpu_alone(device, "A diagnosis", console)
         console.print(f"[bold]{escape(recipe.path.stem)}[/]")
         if resume:
             what = f"{len(past)} descents are taken over" if past else "nothing was kept: the diagnosis begins anew"

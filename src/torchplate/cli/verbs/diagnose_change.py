@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -11,6 +10,7 @@ from torchplate.cli.config.build import Run, load_run
 from torchplate.cli.config.plate_test import plate_test
 from torchplate.cli.folder.occupied import occupied
 from torchplate.cli.folder.opening import check_free, diagnosis_folder, open_folder
+from torchplate.cli.machine.device import on_cpu_alone
 from torchplate.diagnosis import Diagnosis, what_changed
 
 Write = Callable[[Run, Diagnosis, Path], None]
@@ -21,7 +21,7 @@ def diagnose_change(
     since: Path | str | None,
     out: Path | None,
     overrides: Sequence[str],
-    device: Any,
+    device: str,
     console: Console,
     force: bool,
     write: Write,
@@ -33,7 +33,7 @@ def diagnose_change(
         since: of the reference test; None where the config holds several states.
         out: the folder; with several later states each has one of its own in it, and the last is in the folder too.
         overrides: "key.key=value" each, of `config`.
-        device: where the tensors live.
+        device: what was asked for; all is done on the CPU.
         console: where progress goes.
         force: write over what an earlier diagnosis has left.
         write: writes one diagnosis.
@@ -48,10 +48,11 @@ def diagnose_change(
     before, later = _tests(recipe, since)
     folder = diagnosis_folder(recipe, out, resume=False)
     check_free(folder, "diagnose", force=force)
-    reference = plate_test(before[1], device, name=before[0])
+    reference = plate_test(before[1], name=before[0])
     found: Diagnosis | None = None
     with occupied(folder):
-        open_folder(recipe, folder, str(device), "diagnose", force=force)
+        open_folder(recipe, folder, "cpu", "diagnose", force=force)
+        on_cpu_alone(device, "A diagnosis", console)
         console.print(f"[bold]{escape(recipe.path.stem)}[/] since {escape(before[0])}")
 
         def say(text: str) -> None:
@@ -60,7 +61,7 @@ def diagnose_change(
         for name, run, own in later:
             for note in run.remarks(run.model_as_given()):
                 console.print(f"  Note: {note}", markup=False, highlight=False, soft_wrap=True)
-            test = plate_test(run, device, name=name)
+            test = plate_test(run, name=name)
             seed = recipe.config.search.seed
             found = run.told("measurement", lambda: what_changed(reference, test, own=own, seed=seed, say=say))  # noqa: B023
             if len(later) > 1:

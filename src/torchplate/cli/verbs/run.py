@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import torch
 from rich.console import Console
 from rich.markup import escape
 
@@ -43,7 +44,7 @@ def run(
         path: the YAML file.
         out: the run's folder; `runs/<config name>/<time>` if left out.
         overrides: "key.key=value" each.
-        device: where the tensors live.
+        device: where the generations of a search are evaluated; all else, and several states, are done on the CPU.
         resume: go on from the checkpoint in `out`, or in the config's latest folder under runs/.
         console: where progress goes.
         ranks: the processes that share the search, of which this is the first; the others call `follow`.
@@ -58,10 +59,11 @@ def run(
     recipe = load_run(path, overrides)
     optimizer = recipe.optimizer()  # so that a wrong setting is said before anything is written
     folder = run_folder(recipe, out, resume)
+    there = device_named(device if ranks is None else ranks.device)
     if recipe.states:
         return _run_states(recipe, folder, optimizer, device, resume, console, ranks, force)
     check_free(folder, "run", force=force, resume=resume)
-    model = recipe.model().to(device_named(device if ranks is None else ranks.device))
+    model = recipe.model()
     measured = recipe.config.measurement
     given = (measured.file, measured.natural_frequencies, measured.modal_model)
     alone = not model.names and all(one is None for one in given)
@@ -71,7 +73,7 @@ def run(
             "search.optimizer",
             "Expected a population search for processes to share, got least_squares. Run it without torchrun.",
         )
-    checkpoint = read_checkpoint(recipe, folder, model.known.device, len(model.names)) if resume else None
+    checkpoint = read_checkpoint(recipe, folder, there, len(model.names)) if resume else None
     with occupied(folder):
         open_folder(recipe, folder, device, "run", force=force, resume=resume)
         remarks = recipe.remarks(model)
@@ -85,7 +87,7 @@ def run(
                 f"  No generation was finished in {folder}: the search begins anew.", markup=False, soft_wrap=True
             )
         command = _command(path, folder, overrides, device)
-        here = Place(folder, command, console, ranks, problem_named(recipe.path.stem, overrides))
+        here = Place(folder, command, console, ranks, problem_named(recipe.path.stem, overrides), there)
         found = _identified(recipe, objective, optimizer, checkpoint, here)
         return replace(found, remarks=remarks)
 
@@ -114,9 +116,7 @@ def _run_states(
         return shown(recipe, Shared(job, folder, ""), log, console, None, figures=False)
 
     try:
-        found, remarks = run_states(
-            recipe, folder, device_named(device), optimizer, settings_of(recipe), console, search, force
-        )
+        found, remarks = run_states(recipe, folder, device, optimizer, settings_of(recipe), console, search, force)
     finally:
         if log is not None:
             log.close()
@@ -134,6 +134,7 @@ class Place(NamedTuple):
         console: where progress goes.
         ranks: the processes that share the search, if any.
         problem: what is solved, for TensorBoard.
+        device: where the generations are evaluated.
     """
 
     folder: Path
@@ -141,6 +142,7 @@ class Place(NamedTuple):
     console: Console
     ranks: Ranks | None
     problem: str
+    device: torch.device
 
 
 def _identified(
@@ -151,7 +153,7 @@ def _identified(
     place: Place,
 ) -> Found:
     """Search, and write and log what was found."""
-    folder, command, console, ranks, problem = place
+    folder, command, console, ranks, problem, device = place
     names = objective.model.names
     log: RunLog | None = None
 
@@ -173,6 +175,7 @@ def _identified(
             resume=checkpoint,
             say=lambda text: console.print(f"  {text}", markup=False),
             prepared=check,
+            device=device,
         )
         found = written(recipe, end, folder, console)
         if log is not None and end.outcome is not None:

@@ -14,12 +14,13 @@ from torchplate.cli.config.build import Run
 from torchplate.cli.folder.occupied import occupied
 from torchplate.cli.folder.opening import check_free, open_folder
 from torchplate.cli.folder.writing import write_files, write_text
+from torchplate.cli.machine.device import on_cpu_alone
 from torchplate.identification import Job, PlateState, Settings, States, StatesFound, identify_states
 from torchplate.report import run_report
 from torchplate.search import LeastSquares, Optimizer, Outcome
 
 
-def states_of(recipe: Run, device: Any) -> States:
+def states_of(recipe: Run) -> States:
     """The joint objective of a config's states.
 
     Raises:
@@ -28,7 +29,7 @@ def states_of(recipe: Run, device: Any) -> States:
     found = []
     for state in recipe.states:
         try:
-            model = state.run.model().to(device)
+            model = state.run.model()
             found.append(PlateState(state.name, state.run.objective(model), state.own))
         except InputError as error:
             text = str(error).replace("measurement.", f"measurement.{state.name}.", 1)
@@ -39,7 +40,7 @@ def states_of(recipe: Run, device: Any) -> States:
 def run_states(
     recipe: Run,
     folder: Path,
-    device: Any,
+    device: str,
     optimizer: Optimizer[Any] | LeastSquares,
     settings: Settings,
     console: Console,
@@ -51,7 +52,7 @@ def run_states(
     Args:
         recipe: the config.
         folder: of the run.
-        device: where the tensors live.
+        device: what was asked for; all is done on the CPU.
         optimizer: how.
         settings: its budget.
         console: where progress goes.
@@ -65,9 +66,10 @@ def run_states(
         InputError: if a state or the folder cannot be used.
     """
     check_free(folder, "run", force=force)
-    states = states_of(recipe, device)
+    states = states_of(recipe)
     with occupied(folder):
-        open_folder(recipe, folder, str(device), "run", force=force)
+        open_folder(recipe, folder, "cpu", "run", force=force)
+        on_cpu_alone(device, "A run of several states", console)
         remarks = tuple(
             f"{state.name}: {note}"
             for state, one in zip(recipe.states, states.states, strict=True)
