@@ -27,7 +27,7 @@ from torchplate.discrepancy import (
     Specimens,
     Wandering,
     as_it_is_meant,
-    modes_near,
+    modes_damped,
     nuisances,
     place_std,
 )
@@ -197,7 +197,7 @@ class FrfTarget:
             model: in a basis.
             theta: its parameters.
         """
-        n_mode = modes_near(model, theta, self.frequency)
+        n_mode = modes_damped(model, theta, self.frequency)
         damping, place = self.imperfections.std("damping_scatter"), place_std(self.imperfections, self.mesh_left)
         return Specimens(model, theta, self.wandering, damping, n_mode, place)
 

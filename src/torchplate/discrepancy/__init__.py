@@ -24,7 +24,7 @@ from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.measure import OBJECTIVES, Measured
 from torchplate.discrepancy.modal_evidence import ModalEvidence, ModePair
 from torchplate.discrepancy.norms import coherence_weighted, log_amplitude, relative_amplitude_norm, relative_frf_norm
-from torchplate.discrepancy.nuisance import matrix_columns, modes_near, nuisances, place_std, specimen_columns
+from torchplate.discrepancy.nuisance import matrix_columns, modes_damped, nuisances, place_std, specimen_columns
 from torchplate.discrepancy.objective import Evidence, Objective
 from torchplate.discrepancy.sensitivity import Sensitivity, sensitivity
 from torchplate.discrepancy.specimen import Found, OfChannels, Specimens, as_it_is_meant
@@ -57,7 +57,7 @@ __all__ = [
     "log_amplitude",
     "mac",
     "matrix_columns",
-    "modes_near",
+    "modes_damped",
     "nuisances",
     "place_std",
     "relative_amplitude_norm",

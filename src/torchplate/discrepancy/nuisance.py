@@ -40,6 +40,13 @@ from torchplate.plate import Plan
 
 # Numbers that are laid out at a time: 1 MiB of them.
 AT_ONCE = 2**17
+# Times the end of the band. A little above it a mode's own peak still reaches into the band, and where it lies is seen.
+NEAR = 1.1
+# What damps a mode is seen further away. Of a loss factor η that is off by a part σ, the mode's share of the imaginary
+# part at ω is σ η / (1 − (ω/ω_r)²)² of its static share: 25 times that at the end of the band for one at 1.1 times its
+# frequency, 1.8 times for one at twice. From there on it no longer grows within the band, and all modes beyond, which
+# scatter each by itself, add up to less than the first of them.
+DAMPED = 2.0
 
 
 class Nuisances(NamedTuple):
@@ -108,7 +115,7 @@ def nuisances(
     chain, kind = to_reading.chain, to_reading.kind
     reading = as_kind(to_references(modal, modal.left), chain, kind)
     n_response, n_reference = reading.shape[-2:]
-    top = _top(frequency)
+    top = _top(frequency, NEAR)
     near = torch.nonzero(modal.eigenvalue < top).flatten()
     elastic = near[modal.eigenvalue[near] > 1e-6 * top]
 
@@ -124,7 +131,8 @@ def nuisances(
     common += [(one.name, change) for one, change in zip(every, felt, strict=True)]
     damped = imperfections.std("damping_scatter")
     if damped > 0:
-        common += [("damping_scatter", change) for change in to_reading(_damped(modal, len(near), damped))]
+        n_damped = int((modal.eigenvalue < _top(frequency, DAMPED)).sum())
+        common += [("damping_scatter", change) for change in to_reading(_damped(modal, n_damped, damped))]
     n_off = len(common)
     about = None if about is None else about.of(n_off)
     at = torch.searchsorted(
@@ -305,8 +313,8 @@ def matrix_columns(
     return to_reading(changes)
 
 
-def modes_near(model: PlateModel, theta: Float[Tensor, " n_parameter"], frequency: Tensor) -> int:
-    """How many modes lie in the band or a little above it: those whose damping is seen.
+def modes_damped(model: PlateModel, theta: Float[Tensor, " n_parameter"], frequency: Tensor) -> int:
+    """How many modes lie in the band or not too far above it: those whose damping is seen.
 
     Args:
         model: in a basis.
@@ -316,12 +324,12 @@ def modes_near(model: PlateModel, theta: Float[Tensor, " n_parameter"], frequenc
     plan = model.plan(theta)
     system = model.assembly.system(*plan)
     eigenvalue, _ = solve_modes(system.stiffness, system.mass)
-    return int((eigenvalue < _top(frequency)).sum())
+    return int((eigenvalue < _top(frequency, DAMPED)).sum())
 
 
-def _top(frequency: Tensor) -> float:
-    """Where modes are no longer near a band [rad²/s²]."""
-    return (2 * math.pi * 1.1 * float(frequency[-1])) ** 2
+def _top(frequency: Tensor, times: float) -> float:
+    """The eigenvalue at so many times the end of a band [rad²/s²]."""
+    return (2 * math.pi * times * float(frequency[-1])) ** 2
 
 
 def _damped(modal: Modal, n: int, damping: float) -> Tensor:

@@ -14,7 +14,11 @@ def _config(parser: ArgumentParser, help: str = "YAML file") -> None:
 
 
 def _device(parser: ArgumentParser) -> None:
-    parser.add_argument("--device", default="cpu", help="where the search of a run is evaluated (default: cpu); all else is done on the CPU")
+    parser.add_argument(
+        "--device",
+        default="cpu",
+        help="where the search of a run is evaluated (default: cpu); all else is done on the CPU",
+    )
 
 
 def _folder(parser: ArgumentParser, what: str, resume: str) -> None:

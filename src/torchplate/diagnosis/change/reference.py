@@ -23,7 +23,7 @@ from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.criterion import UNIFORM
-from torchplate.discrepancy import OfChannels, Wandering, modes_near, place_std, specimen_columns
+from torchplate.discrepancy import OfChannels, Wandering, modes_damped, place_std, specimen_columns
 from torchplate.model import PlateModel, solve_eigenvalues
 from torchplate.search import JACOBIANS
 
@@ -119,7 +119,7 @@ def fit_reference(builder: ModelBuilder, prior: Prior, settings: ChangeSettings)
     told = target.imperfections.std("damping_scatter")
     damping = max(settings.mode_damping, told) if told > 0 else 0.0
     theta = found.theta
-    n_mode = modes_near(found.reduced, theta, target.frequency)
+    n_mode = modes_damped(found.reduced, theta, target.frequency)
     modes = OwnModes.of(found.model, found.reduced, theta, n_mode)
     # Both tests are on one mesh, its error taken off at one plate: this one.
     whole = builder.corrected(model, theta, anew=True).model
