@@ -109,6 +109,21 @@ def test_a_step_that_leads_up_is_not_taken(workshop, monkeypatch):
 
 
 @torch.no_grad()
+def test_along_a_valley_that_priors_alone_make_uneven_the_way_is_not_left_half_way(workshop):
+    """A law of a third more loss, each mode as much below it: the FRFs are the same, their scatter is less likely."""
+    joint, n = workshop.joint, workshop.specimens.n_term
+    space, ends = workshop.builder.given.space, []
+    for share in (-0.3, 0.3):
+        theta, shift = TRUTH.clone(), workshop.shift.clone()
+        theta[1] *= math.exp(share)
+        shift[n:] -= share / TOLD.damping_scatter
+        ends.append(float(space.to_si(joint.descend_sharply(space.to_cube(theta), shift).position)[1]))
+    # Beside one another within half of what the mean of so many scattered modes is known by.
+    std = TOLD.damping_scatter / (len(workshop.shift) - n) ** 0.5
+    assert abs(math.log(ends[1] / ends[0])) < 0.5 * std
+
+
+@torch.no_grad()
 def test_how_well_a_specimen_is_known_hangs_on_no_interval(workshop):
     """One hypothesis has a parameter known to a millionth of what is searched, another has not."""
     builder = workshop.builder

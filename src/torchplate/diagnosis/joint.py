@@ -144,7 +144,9 @@ class Joint:
         """At the sharp level, the other nuisances linear about where each part of the way begins.
 
         A part ends with the channels as they are seen there, and is taken as far as all that is put in becomes more
-        probable; one that does not lead down is taken again step by step. What the second order of the nuisances adds
+        probable; one that does not lead down is taken again step by step. Only the first is damped as a fair start is:
+        where parameters and specimen do almost the same, the way along both is flat, and a damped step on it so short
+        that it looks like the end. What the second order of the nuisances adds
         to the noise stays as it is as long as parts take much: a variance that shrinks with every part lifts the walls
         of the valley before the way is in it.
 
@@ -155,12 +157,12 @@ class Joint:
         """
         settings, sharp = self.settings, self.target.levels - 1
         here: Place = (position, self._known(shift))
-        value, n_iteration, held = math.inf, settings.n_together, False
+        value, n_iteration, held, damping = math.inf, settings.n_together, False, settings.damping
         marginal, cost = self._judged(*here, channels)
         louder, noise = self._louder(here, channels, marginal)
         best, costs = (cost, here, channels, marginal), [cost]
         for left in reversed(range(settings.n_way)):
-            *end, half = self.descend(*here, sharp, n_iteration, settings.damping, louder, channels)
+            *end, half = self.descend(*here, sharp, n_iteration, damping, louder, channels)
             half *= noise
             # At this rate it would not get there in as many parts as it may be hoped to go on so.
             left = min(left, settings.hoped)
@@ -188,8 +190,11 @@ class Joint:
             # Far off, where all that is left is taken for noise, ways lead round and round.
             fell = costs[-1 - settings.patience] - best[0] if len(costs) > settings.patience else math.inf
             lost = noise > settings.lost and fell < settings.far * (noise - 1) * marginal.n
-            if behind or lost or (not held and fallen < max(settings.little, 2 * settings.tolerance * value / noise)):
+            least = max(settings.little, 2 * settings.tolerance * value / noise)
+            if behind or lost or (not held and fallen < least and damping < settings.damping):
                 break
+            if not held:
+                damping = settings.near
         self._before = None
         if noise > settings.lost:
             cost, here, channels, marginal = best

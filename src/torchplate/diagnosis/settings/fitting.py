@@ -93,6 +93,8 @@ class Fitting:
         tolerance: relative fall of the sum of squares at which it has come to rest [-].
         n_together: of several starts the best goes on alone after so many of them [-].
         damping: of the first steps [-].
+        near: of the parts that follow one that led near [-]: where parameters and specimen together change FRFs by a
+            thousandth of what each does alone, a step is still whole.
         free: of those at the end, where something is known beforehand [-]: valleys that only this makes unlevel are
             long.
         n_basis: bases built for one fit [-].
@@ -121,6 +123,7 @@ class Fitting:
     tolerance: float = 1e-4
     n_together: int = 5
     damping: float = 1e-3
+    near: float = 1e-6
     free: float = 1e-9
     n_basis: int = 3
     settled: float = 2e-2
