@@ -94,6 +94,28 @@ def test_damping_of_a_mode_changes_frfs_with_all_that_couples_it():
         assert off(columns[..., mode], 0.1 * (above - below) / (2 * step)) < DIFFERENCED
 
 
+def test_a_grain_turns_the_damping_that_each_mode_has_of_its_own():
+    """Else another ratio of the sides, which changes FRFs as a grain does, is told from one by a hundredth of that."""
+    plain, step = plate(), 1e-5
+    # Nearly a square: modes that bend along x lie beside those that bend along y.
+    mesh, known = Mesh(0.48, 0.47, 8, 7), KNOWN | {"loss.stiffness_loss_factor": 1e-2}
+    factor = (0.3 * torch.randn(20, generator=torch.Generator().manual_seed(4), dtype=torch.float64)).exp()
+
+    def damped(*searched: str) -> PlateModel:
+        box = {key: Searched(0.5, 1.5) for key in searched}
+        kept = {key: value for key, value in known.items() if key not in searched}
+        return PlateModel(mesh, plain.effects, kept, box, RESPONSE, REFERENCE, "accelerance").with_damping_factors(
+            factor
+        )
+
+    told, wander = Imperfections(0.0, 0.0, 0.0, 0.0), Wandering(0.0, 0.0, 0.01, 0)
+    columns = as_complex(nuisances(damped(), NOBODY, LINES, told, wander, torch.zeros_like(LINES))).common
+    for index, name in enumerate(("grain.young_ratio", "grain.shear_factor")):
+        at = torch.tensor([[1 + step], [1 - step]], dtype=torch.float64)
+        above, below = damped(name).frf(at, LINES)
+        assert off(columns[..., index], 0.01 * (above - below) / (2 * step)) < DIFFERENCED
+
+
 def test_what_modes_beyond_twice_the_band_scatter_is_less_than_the_noise_shows():
     """With much viscous damping of the stiffness modes above the band are as wide as their distance from it."""
     plain = plate()

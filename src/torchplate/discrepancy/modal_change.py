@@ -1,5 +1,7 @@
 """FRFs by modes, and how they change with what changes a mode, the matrices of a plate, or its supports."""
 
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -7,11 +9,22 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 from torch.nn.functional import pad
 
-from torchplate.model import Modes, PlateModel, modal_denominator, modal_impedance, own_damping, reciprocal, solve_modes
+from torchplate.model import (
+    Impedance,
+    Modes,
+    PlateModel,
+    modal_denominator,
+    modal_impedance,
+    own_damping,
+    reciprocal,
+    solve_modes,
+)
 from torchplate.plate import Plan
 
 # Up to this multiple of the band's end a mode that moves is seen to move: higher ones answer as a spring does.
 REACH = 1.6
+# Part of λ from which the slope of a damping is taken.
+STEP = 1e-6
 
 
 class Responses(NamedTuple):
@@ -52,6 +65,61 @@ class Responses(NamedTuple):
         return found if self.carried is None else found - times_real(moved, self.attached.mT) @ self.carried.mT
 
 
+class Excess(NamedTuple):
+    """Damping by which modes are off their law, and how it goes with them.
+
+    Attributes:
+        damping: of each mode, at its own frequency [rad²/s²].
+        slope: by how much it grows with λ, the mode as it is [-].
+        coupled: by how much that of a mode, in a row, grows as it takes in another one [rad²/s²].
+    """
+
+    damping: Float[Tensor, " n_mode"]
+    slope: Float[Tensor, " n_mode"]
+    coupled: Float[Tensor, "n_mode n_mode"]
+
+    @classmethod
+    def of(cls, z: Impedance, own: Tensor, factor: Tensor, force: Callable[[Tensor], Tensor]) -> "Excess":
+        """Of the lowest modes, so many times what their law makes of them, less that.
+
+        Args:
+            z: the impedance, without it.
+            own: what damps each mode by its law.
+            factor: of the lowest modes.
+            force: dynamic stiffness of what is attached, at any s.
+        """
+        value, n = z.eigenvalue, min(len(factor), len(own))
+        off = pad(factor[:n] - 1, (0, len(own) - n))
+        higher = own_damping(z._replace(stiffness=z.stiffness * (1 + STEP)), force)
+        pulled = force(1j * value.clamp(min=0.0).sqrt()).imag * z.dashpot
+        coupled = pulled.mT @ z.dashpot if z.hysteretic is None else pulled.mT @ z.dashpot + z.hysteretic
+        slope = off * (higher - own) / (STEP * value.abs().clamp(min=1.0))
+        return cls(off * own, slope, 2 * off[:, None] * coupled)
+
+    def turned(
+        self,
+        eigenvalue: Float[Tensor, " n_mode"],
+        stiffness: Float[Tensor, "n_term n_mode n_mode"],
+        mass: Float[Tensor, "n_term n_mode n_mode"],
+    ) -> Float[Tensor, "n_term n_mode n_mode"]:
+        """What changes of stiffness and mass do to it, in coordinates of the modes, with which it turns.
+
+        It is E = Σ_r e_r (M φ_r)(M φ_r)ᵀ. To the first order E_rs changes by
+        [e_r (K_rs − λ_s M_rs) − e_s (K_rs − λ_r M_rs)] / (λ_r − λ_s), K and M the changes; and e_r with λ_r and with
+        what is attached where φ_r takes in (K_rs − λ_r M_rs) / (λ_r − λ_s) of φ_s. Modes nearer to one another than
+        they are coupled by turn by an eighth of a turn at most.
+        """
+        column, each = eigenvalue[:, None], self.damping
+        within = (column - eigenvalue).square() + 4 * stiffness.square()
+        over = (column - eigenvalue) / within.clamp(min=torch.finfo(eigenvalue.dtype).tiny)
+        off = stiffness - column * mass
+        between = (each[:, None] * (stiffness - eigenvalue * mass) - each * off) * over
+        heavier = mass.diagonal(dim1=-2, dim2=-1)
+        taken_in = (self.coupled * off * over).sum(-1) - 0.5 * self.coupled.diagonal() * heavier
+        alone = each * heavier + self.slope * off.diagonal(dim1=-2, dim2=-1) + taken_in
+        return between + torch.diag_embed(alone)
+
+
 class Modal(NamedTuple):
     """A model's reading taken apart into modes.
 
@@ -66,6 +134,7 @@ class Modal(NamedTuple):
         attached: Φ there.
         force: dynamic stiffness there [N/m].
         own_damping: what damps each mode at its own frequency [rad²/s²].
+        excess: that part of it by which it is off its law; None where none is.
         left: Φ at the responses.
         right: at the references.
         from_left: Φ at the responses times Z⁻¹ at every line, what is attached at places and all.
@@ -83,6 +152,7 @@ class Modal(NamedTuple):
     attached: Float[Tensor, "n_attached n_mode"]
     force: Complex[Tensor, "n_attached n_frequency"]
     own_damping: Float[Tensor, " n_mode"]
+    excess: "Excess | None"
     left: Float[Tensor, "n_response n_mode"]
     right: Float[Tensor, "n_reference n_mode"]
     from_left: Responses
@@ -98,11 +168,11 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
     bare = torch.complex(real, imaginary)
     if system.hysteretic is not None:
         bare = bare + 1j * (shape * (system.hysteretic @ shape)).sum(0)
-    own = own_damping(modal_impedance(system, Modes(eigenvalue, shape), laplace), system.force)
+    impedance = modal_impedance(system, Modes(eigenvalue, shape), laplace)
+    own, excess = own_damping(impedance, system.force), None
     if model.damping_factor is not None:
-        n = min(len(model.damping_factor), len(own))
-        excess = pad((model.damping_factor[:n] - 1) * own[:n], (0, len(own) - n))
-        bare, own = bare + 1j * excess, own + excess
+        excess = Excess.of(impedance, own, model.damping_factor, system.force)
+        bare, own = bare + 1j * excess.damping, own + excess.damping
     attached, force = system.attached @ shape, system.force(laplace)
     denominator = bare + force.mT @ attached.square().to(force)
     plain = eigenvalue + laplace[:, None].square()
@@ -125,6 +195,7 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
         attached,
         force,
         own,
+        excess,
         left,
         right,
         from_left,
@@ -198,8 +269,10 @@ def through_each(
         return modal.bare.new_zeros(0, len(s), len(modal.left), len(modal.right))
     from_fewer, more, swapped = _by_size(modal.from_left, modal.from_right)
     fewer, n_more = from_fewer.at(torch.arange(len(modal.eigenvalue))), len(more.rows)
-    parts = []
-    for matrices, factor in ((stiffness, modal.kappa[:, 0]), (mass, s.square())):
+    parts, pairs = [], [(stiffness, modal.kappa[:, 0]), (mass, s.square())]
+    if modal.excess is not None:
+        pairs.append((modal.excess.turned(modal.eigenvalue, stiffness, mass), 1j * torch.ones_like(s)))
+    for matrices, factor in pairs:
         some, which, multiple = _multiples(matrices)
         whole = fewer.new_zeros(len(matrices), len(s), fewer.shape[1], n_more)
         if len(some):
@@ -210,7 +283,7 @@ def through_each(
             felt = felt.unflatten(1, (fewer.shape[1], -1)).movedim(2, 0)
             whole = (factor[:, None, None] * felt)[which].mul_(multiple[:, None, None, None])
         parts.append(whole)
-    change = parts[0].add_(parts[1]).neg_()
+    change = functools.reduce(torch.Tensor.add_, parts).neg_()
     return change.mT if swapped else change
 
 

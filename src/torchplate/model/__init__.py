@@ -31,7 +31,7 @@ from torchplate.model.extrapolation import Extrapolated, extrapolate, on_mesh
 from torchplate.model.fine_mesh import DENSE, SparseModel
 from torchplate.model.frf import DERIVATIVE, as_kind, laplace_lines, sensor_chain
 from torchplate.model.gradient import modal_impedance
-from torchplate.model.impedance import own_damping
+from torchplate.model.impedance import Impedance, own_damping
 from torchplate.model.modal_receptance import modal_denominator
 from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, modal_sum, reciprocal
 from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes, whiten
@@ -50,6 +50,7 @@ __all__ = [
     "SINGLE_TOLERANCE",
     "Disc",
     "Extrapolated",
+    "Impedance",
     "Modes",
     "ModesAt",
     "ParameterSpace",
