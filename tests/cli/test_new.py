@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -164,6 +165,28 @@ def test_a_material_that_nobody_named_is_told_by_its_resonances(roved, tmp_path,
     more = ("--mass", "1.02", "--force", "--out", tmp_path / "plate.yaml")
     out = command("new", file, "--thickness", "0.003", *more)[1]
     assert "as in aluminium: " in out or "as in aluminium; " in out
+
+
+def test_guessed_sides_that_the_resonances_do_not_have_are_said_to_be_others(roved, tmp_path, command):
+    """Points that keep a margin from the edges say nothing of it: the first run then explains nothing."""
+    small = written(roved, tmp_path / "small.uff", lambda p: (0.85 * p[0], 0.85 * p[1], 0.0))
+    status, out, _ = command("new", small, *PLATE, "--out", tmp_path / "plate.yaml")
+    assert status == 0
+    said = next(line for line in out.splitlines() if "the resonances lie at" in line)
+    # Natural frequencies go with one over the sides squared; aluminium's √(E/ρ) is known to 3 % or so.
+    assert float(re.search(r"lie at ([\d.]+) of those of such a plate of 0.357 × 0.255 m", said)[1]) == pytest.approx(
+        0.85**2, rel=0.03
+    )
+    larger = re.search(r"some ([\d.]+) × ([\d.]+) m\. Measure the sides and give --length", said)
+    assert float(larger[1]) * float(larger[2]) == pytest.approx(math.prod(SIDES), rel=0.03)
+    # One margin on all sides.
+    assert float(larger[1]) - 0.357 == pytest.approx(float(larger[2]) - 0.255, abs=1.5e-3)
+    assert "# the resonances lie at" in (tmp_path / "plate.yaml").read_text()
+    # Told, or right, nothing is said.
+    more = ("--length", "0.357", "0.255", "--force", "--out", tmp_path / "plate.yaml")
+    assert "resonances" not in command("new", small, *PLATE, *more)[1]
+    right = written(roved, tmp_path / "test.uff", lambda p: p)
+    assert "resonances" not in command("new", right, *PLATE, "--out", tmp_path / "right.yaml")[1]
 
 
 def test_wood_that_nobody_named_is_told_by_its_resonances(tmp_path, command):

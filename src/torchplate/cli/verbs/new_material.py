@@ -45,6 +45,7 @@ class Heard:
         shear_factor: G over its isotropic value [-], by the resonances; None where they say nothing of the grain.
         thickness: Low, taken, high [m], with the material's usual numbers; all alike where given.
         by: What the thickness is from.
+        sides: What the resonances say of sides that were guessed, where they are others; else empty.
     """
 
     material: Material
@@ -53,6 +54,7 @@ class Heard:
     shear_factor: float | None
     thickness: tuple[float, float, float]
     by: str
+    sides: str = ""
 
 
 class _Nearest(NamedTuple):
@@ -88,7 +90,8 @@ def heard(
     material = named or UNKNOWN
     given = None if thickness is None else (thickness,) * 3
     if named is not None and named.young_ratio == 1 and given is not None:
-        return Heard(named, "", 1.0, None, given, "given")
+        guessed = _nearest(measurement, sides, edges, named) if proposal.sides.guess else None
+        return Heard(named, "", 1.0, None, given, "given", _other_sides(guessed, sides, given[1]))
     plate = _nearest(measurement, sides, edges, material)
     wood = None if named is not None else _nearest(measurement, sides, edges, WOOD)
     density = None if mass is None or thickness is None else mass / (sides[0] * sides[1] * thickness)
@@ -148,15 +151,44 @@ def _is_wood(wood: _Nearest, plate: _Nearest, density: float | None) -> bool:
     return wood.left <= ENOUGH and gain > 2 * math.log(1.0 if of_wood else ODDS)
 
 
+def _other_sides(plate: _Nearest | None, sides: tuple[float, float], thickness: float) -> str:
+    """Where no number of the material brings the resonances to guessed sides: the sides that would."""
+    if plate is None or plate.left > ENOUGH or _has(plate.material, _squared(plate, thickness)):
+        return ""
+    ratio = plate.factor * THICKNESS / thickness
+    remedy = "check the sides (--length), --thickness and --material"
+    if ratio < 1:
+        # Natural frequencies of a plate with another margin go about with one over its area.
+        half = sum(sides) / 4
+        margin = math.sqrt(half**2 + sides[0] * sides[1] * (1 / ratio - 1) / 4) - half
+        larger = " × ".join(f"{side + 2 * margin:.3g}" for side in sides)
+        remedy = (
+            f"with one margin around these points it would have some {larger} m. Measure the sides and give --length, or "
+            "check --thickness and --material"
+        )
+    return f"the resonances lie at {ratio:.2g} of those of such a plate of {sides[0]:g} × {sides[1]:g} m: {remedy}"
+
+
+def _squared(plate: _Nearest, thickness: float) -> float:
+    """E/ρ [m²/s²] that the resonances give a plate of this thickness."""
+    usual = plate.material.youngs_modulus[1] / plate.material.density[1]
+    return (plate.factor * THICKNESS / thickness) ** 2 * usual
+
+
+def _has(material: Material, squared: float) -> bool:
+    """Whether this E/ρ is a usual one."""
+    low, high = (material.youngs_modulus[end] / material.density[2 - end] for end in (0, 2))
+    return low <= SLACK * squared and squared <= SLACK * high
+
+
 def _likely(plate: _Nearest, thickness: float, density: float | None) -> str:
     """The materials whose √(E/ρ) the resonances have, and whose density the mass gives."""
-    squared = (plate.factor * THICKNESS / thickness) ** 2 * plate.material.youngs_modulus[1] / plate.material.density[1]
+    squared = _squared(plate, thickness)
     names = [
         one.name
         for one in MATERIALS.values()
         if one.young_ratio == 1
-        and one.youngs_modulus[0] / one.density[2] <= SLACK * squared
-        and squared <= SLACK * one.youngs_modulus[2] / one.density[0]
+        and _has(one, squared)
         and (density is None or one.density[0] / SLACK <= density <= SLACK * one.density[2])
     ]
     return f"√(E/ρ) is near {math.sqrt(squared):.3g} m/s" + (f", as in {', '.join(names)}" if names else "")
