@@ -163,8 +163,8 @@ def _other_sides(plate: _Nearest | None, sides: tuple[float, float], thickness: 
         margin = math.sqrt(half**2 + sides[0] * sides[1] * (1 / ratio - 1) / 4) - half
         larger = " × ".join(f"{side + 2 * margin:.3g}" for side in sides)
         remedy = (
-            f"with one margin around these points it would have some {larger} m. Measure the sides and give --length, or "
-            "check --thickness and --material"
+            f"with one margin around these points it would have some {larger} m. Measure the sides and give --length, "
+            "or check --thickness and --material"
         )
     return f"the resonances lie at {ratio:.2g} of those of such a plate of {sides[0]:g} × {sides[1]:g} m: {remedy}"
 
