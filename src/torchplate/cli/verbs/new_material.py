@@ -9,7 +9,7 @@ import torch
 
 from torchplate.effects import Searched, find_effect
 from torchplate.identification import stretched
-from torchplate.measurement import Measurement, Proposal, peaks, place
+from torchplate.measurement import METRES, Measurement, Proposal, peaks, place
 from torchplate.model import PlateModel
 from torchplate.notation import percent
 from torchplate.plate import MATERIALS, Material, Mesh, thickness_of
@@ -30,6 +30,11 @@ N_ELEMENT: Final = 80
 """Of the models that are tried."""
 THICKNESS: Final = 1e-3
 """Of the models that are tried [m]: natural frequencies go with it."""
+FAR: Final = 0.4
+"""Of natural frequencies [-]: points keep no margin of more than a third of a side from the edges."""
+ROUGHLY: Final = 1.4
+"""How near a factor on natural frequencies comes to that of a unit [-], of points that keep a margin of a tenth of a
+side and a plate whose thickness is a fifth off."""
 SLACK: Final = 1.05
 """Of √(E/ρ) squared and of ρ beyond the usual ranges [-]: callipers are 1 % off, and a coarse mesh as much."""
 
@@ -91,7 +96,7 @@ def heard(
     given = None if thickness is None else (thickness,) * 3
     if named is not None and named.young_ratio == 1 and given is not None:
         guessed = _nearest(measurement, sides, edges, named) if proposal.sides.guess else None
-        return Heard(named, "", 1.0, None, given, "given", _other_sides(guessed, sides, given[1]))
+        return Heard(named, "", 1.0, None, given, "given", _other_sides(guessed, proposal, given[1]))
     plate = _nearest(measurement, sides, edges, material)
     wood = None if named is not None else _nearest(measurement, sides, edges, WOOD)
     density = None if mass is None or thickness is None else mass / (sides[0] * sides[1] * thickness)
@@ -151,13 +156,13 @@ def _is_wood(wood: _Nearest, plate: _Nearest, density: float | None) -> bool:
     return wood.left <= ENOUGH and gain > 2 * math.log(1.0 if of_wood else ODDS)
 
 
-def _other_sides(plate: _Nearest | None, sides: tuple[float, float], thickness: float) -> str:
-    """Where no number of the material brings the resonances to guessed sides: the sides that would."""
+def _other_sides(plate: _Nearest | None, proposal: Proposal, thickness: float) -> str:
+    """Where no number of the material brings the resonances to guessed sides: the sides or the unit that would."""
     if plate is None or plate.left > ENOUGH or _has(plate.material, _squared(plate, thickness)):
         return ""
-    ratio = plate.factor * THICKNESS / thickness
-    remedy = "check the sides (--length), --thickness and --material"
-    if ratio < 1:
+    ratio, sides = plate.factor * THICKNESS / thickness, (proposal.length_x, proposal.length_y)
+    remedy = _other_unit(ratio, proposal) or "check the sides (--length), --thickness and --material"
+    if FAR < ratio < 1:
         # Natural frequencies of a plate with another margin go about with one over its area.
         half = sum(sides) / 4
         margin = math.sqrt(half**2 + sides[0] * sides[1] * (1 / ratio - 1) / 4) - half
@@ -167,6 +172,20 @@ def _other_sides(plate: _Nearest | None, sides: tuple[float, float], thickness: 
             "or check --thickness and --material"
         )
     return f"the resonances lie at {ratio:.2g} of those of such a plate of {sides[0]:g} × {sides[1]:g} m: {remedy}"
+
+
+def _other_unit(ratio: float, proposal: Proposal) -> str:
+    """The unit of coordinates or frequencies that a factor on all natural frequencies speaks for, and what to do."""
+    own = METRES[proposal.frame.unit]
+    for unit, metres in METRES.items():
+        # Natural frequencies go with one over the sides squared.
+        if unit != proposal.frame.unit and abs(math.log(ratio * (metres / own) ** 2)) < math.log(ROUGHLY):
+            sides = " × ".join(f"{side * metres / own:.3g}" for side in (proposal.length_x, proposal.length_y))
+            return f"in {unit} it would have {sides} m: give --unit {unit}, or --length"
+    for factor, unit in ((1e-3, "kHz"), (2 * math.pi, "rad/s")):
+        if abs(math.log(ratio / factor)) < math.log(ROUGHLY):
+            return f"the frequency axis looks like {unit} that are taken for Hz: correct it, or its label in the file"
+    return ""
 
 
 def _squared(plate: _Nearest, thickness: float) -> float:
