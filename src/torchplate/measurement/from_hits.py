@@ -131,8 +131,8 @@ def _ringing(hits: dict[int, Hits], windows: Windows | None) -> list[str]:
     # Where it ends at exp(-4), a fiftieth.
     window = own.force.shape[1] / own.rate / 4
     return [
-        f"The responses still ring where their records end, after a hit at {worst} at {percent(left[worst], 2)} of their "
-        "mean level: the FRFs leak, and their peaks are too low and too broad. Record longer, or give "
+        f"The responses still ring where their records end, after a hit at {worst} at {percent(left[worst], 2)} of "
+        "their mean level: the FRFs leak, and their peaks are too low and too broad. Record longer, or give "
         f"--exponential-window {window:.2g}."
     ]
 
