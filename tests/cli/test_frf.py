@@ -138,3 +138,49 @@ def test_a_name_without_a_number_needs_the_node(tmp_path, command):
     status, _, error = command("frf", path, "--response", 7, 2, "--out", tmp_path / "plate.uff")
     assert status == 2
     assert "--reference 12" in error
+
+
+def test_a_last_number_that_may_count_the_hits_is_no_node_unasked(tmp_path, command):
+    """Hits at different nodes were averaged to one FRF: hit_12_1 and hit_7_1 were both taken for node 1."""
+    paths = [wav(tmp_path / f"hit_{node}_{turn}.wav", made.hit(node)) for node in (12, 7) for turn in (1, 2)]
+    options = ("--response", 7, 2, "--scale", FULL, FULL, "--out", tmp_path / "plate.uff")
+    status, _, error = command("frf", *paths, *options)
+    assert (status, error.count("\n")) == (2, 1)
+    assert "hit_12_1.wav: Expected the node that is hit as the last number" in error
+    assert "got 1, 2 ... after each of 7, 12, which may count the hits" in error
+    assert error.endswith("--reference 12 12 7 7, or --reference 1 2 1 2.\n")
+    assert not (tmp_path / "plate.uff").exists()
+    assert command("frf", *paths, *options, "--reference", 12, 12, 7, 7)[0] == 0
+    assert [channel.node for channel in read_measurement(tmp_path / "plate.uff").reference] == [7, 12]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        # The same nodes in two tests; one file a node; a date before the node.
+        ("test1_12", "test1_7", "test2_12", "test2_7"),
+        ("plate2_1", "plate2_2", "plate2_3"),
+        ("2026-11-25_12", "2026-11-25_7"),
+        ("hit_12_1", "hit_7_1"),
+    ],
+)
+def test_other_last_numbers_are_nodes(names, tmp_path, command):
+    paths = [wav(tmp_path / f"{name}.wav", made.hit(12)) for name in names]
+    status, text, _ = command("frf", *paths, "--response", 7, 2, "--out", tmp_path / "plate.uff")
+    assert status == 0
+    assert f"{names[0].rpartition('_')[2]} ({names[0]}.wav)" in text
+
+
+def test_responses_that_are_cut_off_while_they_ring_are_said_to_leak(tmp_path, command):
+    """The slower mode decays by exp(−7.7 t): in 0.25 s to 15 %, in 2 s to nothing."""
+    told = {}
+    for n, more in ((512, ()), (512, ("--exponential-window", "0.058")), (4096, ())):
+        paths = [wav(tmp_path / f"hit_{node}.wav", made.hit(node, n=n, noise=0.004, seed=node)) for node in (12, 7)]
+        options = ("--response", 7, 2, "--scale", FULL, FULL, "--out", tmp_path / "plate.uff")
+        status, told[n, bool(more)], _ = command("frf", *paths, *options, *more)
+        assert status == 0
+    short = told[512, False]
+    assert "The responses still ring where their records end, after a hit at" in short
+    assert "Record longer, or give --exponential-window 0.058" in short
+    assert "ring" not in told[512, True]
+    assert "ring" not in told[4096, False]

@@ -7,6 +7,7 @@ from io import StringIO
 
 import numpy as np
 import pytest
+import pyuff
 import torch
 from rich.console import Console
 
@@ -62,6 +63,28 @@ def test_the_report_names_what_is_in_the_file_and_what_looks_wrong(tmp_path):
     ):
         assert words in text
     assert figure.startswith(PNG)
+
+
+def test_a_plate_that_stands_in_the_file_s_xz_plane_is_reported_on_as_new_reads_it(tmp_path):
+    """It said that there are no out-of-plane FRFs, beside the command that reads them."""
+    whole, path = three_channels(), tmp_path / "plate.uff"
+    points = {2: (0.1, 0.0, 0.0), 5: (0.3, 0.0, 0.2)}
+    file = pyuff.UFF(str(path))
+    names, columns = ["node_nums", "x", "y", "z"], zip(*([node, *place] for node, place in points.items()), strict=True)
+    zeros = np.zeros(2, dtype=int)
+    geometry = {name: np.array(column) for name, column in zip(names, columns, strict=True)}
+    file.write_sets(pyuff.prepare_15(**geometry, def_cs=zeros, disp_cs=zeros, color=zeros), "add")
+    for j, k in whole.pairs:
+        response, reference = (2, 5)[j], (2, 5)[k]
+        ends = {"rsp_node": response, "rsp_dir": 2, "ref_node": reference, "ref_dir": -2, "func_type": 4}
+        kind = {"ordinate_spec_data_type": 12, "orddenom_spec_data_type": 13, "abscissa_spec_data_type": 18}
+        data = {"x": whole.frequency.numpy(), "data": whole.frf[:, j, k].numpy(), "abscissa_spacing": 1, "binary": 0}
+        texts = {**{f"id{n}": "" for n in range(1, 6)}, "rsp_ent_name": "NONE", "ref_ent_name": "NONE"}
+        file.write_sets(pyuff.prepare_58(**ends, **kind, **data, **texts, ver_num=1, load_case_id=0), "add")
+    screen = StringIO()
+    assert inspect(path, tmp_path / "seen", Console(file=screen, width=200)) is not None
+    for words in ("4 of 2 × 2", "accelerance, m/(N s²)", "Next: torchplate new"):
+        assert words in screen.getvalue()
 
 
 @pytest.mark.parametrize("name", ["plate.uff", "plate.npz"])

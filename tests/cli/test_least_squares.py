@@ -172,7 +172,7 @@ def test_a_config_that_names_it_is_read(bench, make_config):
 class TestWhatAResultSaysOfItsErrors:
     def test_correlations_stand_beside_the_standard_errors(self, bench):
         # A plate too thin by 3 %, so that there is something to be uncertain about.
-        found = bench.run(SEARCHED, search() | {"effects.plate.thickness": 0.003})
+        found = bench.run(SEARCHED, search(n_generation=8) | {"effects.plate.thickness": 0.003})
         table = json.loads((found.folder / "result.json").read_text())["correlation"]
         assert table["names"] == SEARCHED
         assert [row[k] for k, row in enumerate(table["matrix"])] == pytest.approx([1.0] * 3, rel=1e-12)
@@ -180,7 +180,10 @@ class TestWhatAResultSaysOfItsErrors:
 
     def test_a_strong_correlation_is_said_in_the_report(self, bench):
         # Peaks fix E h² / ρ; the level, which is less exact, the rest.
-        changes = search() | {"effects.plate.density": [7000.0, 8400.0], "effects.wires.stiffness": 1300.0}
+        changes = search(n_generation=8) | {
+            "effects.plate.density": [7000.0, 8400.0],
+            "effects.wires.stiffness": 1300.0,
+        }
         found = bench.run(["plate.youngs_modulus"], changes)
         value = found.result["correlation"]["matrix"][0][1]
         assert abs(value) > 0.9

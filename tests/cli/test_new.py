@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -164,6 +165,59 @@ def test_a_material_that_nobody_named_is_told_by_its_resonances(roved, tmp_path,
     more = ("--mass", "1.02", "--force", "--out", tmp_path / "plate.yaml")
     out = command("new", file, "--thickness", "0.003", *more)[1]
     assert "as in aluminium: " in out or "as in aluminium; " in out
+
+
+def test_guessed_sides_that_the_resonances_do_not_have_are_said_to_be_others(roved, tmp_path, command):
+    """Points that keep a margin from the edges say nothing of it: the first run then explains nothing."""
+    small = written(roved, tmp_path / "small.uff", lambda p: (0.85 * p[0], 0.85 * p[1], 0.0))
+    status, out, _ = command("new", small, *PLATE, "--out", tmp_path / "plate.yaml")
+    assert status == 0
+    said = next(line for line in out.splitlines() if "the resonances lie at" in line)
+    # Natural frequencies go with one over the sides squared; aluminium's √(E/ρ) is known to 3 % or so.
+    assert float(re.search(r"lie at ([\d.]+) of those of such a plate of 0.357 × 0.255 m", said)[1]) == pytest.approx(
+        0.85**2, rel=0.03
+    )
+    larger = re.search(r"some ([\d.]+) × ([\d.]+) m\. Measure the sides and give --length", said)
+    assert float(larger[1]) * float(larger[2]) == pytest.approx(math.prod(SIDES), rel=0.03)
+    # One margin on all sides.
+    assert float(larger[1]) - 0.357 == pytest.approx(float(larger[2]) - 0.255, abs=1.5e-3)
+    assert "# the resonances lie at" in (tmp_path / "plate.yaml").read_text()
+    # Told, or right, nothing is said.
+    more = ("--length", "0.357", "0.255", "--force", "--out", tmp_path / "plate.yaml")
+    assert "resonances" not in command("new", small, *PLATE, *more)[1]
+    right = written(roved, tmp_path / "test.uff", lambda p: p)
+    assert "resonances" not in command("new", right, *PLATE, "--out", tmp_path / "right.yaml")[1]
+
+
+@pytest.mark.parametrize(
+    ("where", "axis", "words"),
+    [
+        (lambda p: (100 * p[0] - 21, 100 * p[1] - 15, 0.0), 1.0, "in cm it would have 0.42 × 0.3 m: give --unit cm"),
+        (lambda p: p, 1e-3, "the frequency axis looks like kHz that are taken for Hz"),
+        (lambda p: p, 2 * math.pi, "the frequency axis looks like rad/s that are taken for Hz"),
+    ],
+)
+def test_a_unit_that_the_resonances_contradict_is_named(where, axis, words, roved, tmp_path, command):
+    file = written(replace(roved, frequency=axis * roved.frequency), tmp_path / "test.uff", where)
+    status, out, _ = command("new", file, *PLATE, "--out", tmp_path / "plate.yaml")
+    assert status == 0
+    assert words in next(line for line in out.splitlines() if "the resonances lie at" in line)
+
+
+def test_nodes_that_the_geometry_has_not_are_named(roved, tmp_path, command):
+    """A mesh that nobody has asked for was blamed: "node numbers from 1 to 25 on the 4 × 4 mesh"."""
+    odd = replace(roved.reference[-1], node=977)
+    file = written(replace(roved, reference=(*roved.reference[:-1], odd)), tmp_path / "test.uff", lambda p: p)
+    text = file.read_bytes().decode("latin-1").splitlines(keepends=True)
+    (place,) = (k for k, line in enumerate(text) if line.split()[:1] == ["977"])
+    held = text[:place] + text[place + (2 if len(text[place].split()) == 4 else 1) :]
+    file.write_bytes("".join(held).encode("latin-1"))
+    status, _, error = command("new", file, *PLATE, "--out", tmp_path / "plate.yaml")
+    assert status == 2
+    assert error.count("\n") == 1
+    for word in ("got none of 977", "labels 1 to", "--nodes nodes.csv"):
+        assert word in error
+    assert "mesh" not in error
 
 
 def test_wood_that_nobody_named_is_told_by_its_resonances(tmp_path, command):

@@ -1,6 +1,7 @@
 """What changed between two tests of one plate, beside a model that is several per cent off in both."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 
@@ -86,7 +87,7 @@ def test_masses_that_were_lightened_together_are_named_together():
     assert first.gap_before > first.gap_after == second.gap_before > second.gap_after
 
 
-@pytest.mark.parametrize("mass", [0.0, 0.012])
+@pytest.mark.parametrize("mass", [pytest.param(0.0, marks=pytest.mark.check), 0.012])
 def test_what_the_modes_of_a_model_that_is_far_off_leave_of_a_change_is_no_second_one(mass):
     """The spring that nobody knows of bends each mode: the mass that went leaves another part of each."""
     found = of_tables(2e4, m2=mass)
@@ -231,24 +232,35 @@ def test_what_drifts_is_integrated_about_where_it_went_however_sharp_the_peaks()
     assert moved.fit.cost > none.fit.cost - chance(Weighed(change, 0.0, 0.0, 1), 1, SETTINGS)
 
 
-def test_a_mass_is_found_from_its_mirror_image_and_a_hopeless_one_is_not_followed():
-    """Over the line in the middle the natural frequencies are alike: the wide levels alone end there."""
+@functools.cache
+def lightened():
+    """A test without a mass and one with it, a mass that is sought, and the place of its mirror image."""
     before = PlateTest(plate(), measured(plate(TRUE), 1), imperfections=TOLD)
     test = PlateTest(plate(), measured(plate(TRUE, lump=LUMP), 2), imperfections=TOLD)
     comparing, _ = comparing_of(before, test, (), 0, lambda _: None, SETTINGS, True)
     own = {key: Searched(0.0, 1.0) for key in ("x", "y")} | {"mass": Searched(0.0, 0.2)}
     change = Change("point_mass", "one", Candidate(CATALOGUE["point_mass"](), {}, own, {"mass": 0.0}))
     place = LUMP[1] | {"x": 1 - LUMP[1]["x"]}
-    starts, _ = comparing.after.down([change], [{f"one.{key}": value for key, value in place.items()}])
+    return comparing, change, {f"one.{key}": value for key, value in place.items()}
+
+
+def test_a_mass_is_found_from_its_mirror_image():
+    """Over the line in the middle the natural frequencies are alike: the wide levels alone end there."""
+    comparing, change, wrong = lightened()
+    starts, _ = comparing.after.down([change], [wrong])
     for key, true in LUMP[1].items():
         assert starts[0][f"one.{key}"] == pytest.approx(true, abs=0.03 if key != "mass" else 0.01)
     # Each end once, the best first.
     assert len(starts) == 1 or max(abs(starts[0][f"one.{key}"] - starts[1][f"one.{key}"]) for key in "xy") > 0.05
-    wrong = [{f"one.{key}": value for key, value in place.items()}]
+
+
+@pytest.mark.check
+def test_a_hopeless_change_is_not_followed():
+    comparing, change, wrong = lightened()
     count = []
     for hopeless in (math.inf, 1e-3):
         begun = comparing.after.builder.n_evaluation
-        comparing.after.fit([change], wrong, hopeless=hopeless)
+        comparing.after.fit([change], [wrong], hopeless=hopeless)
         count.append(comparing.after.builder.n_evaluation - begun)
     assert count[1] < 0.7 * count[0]
 

@@ -9,7 +9,7 @@ from torchplate.diagnosis.field.descent import FieldDescent, Place
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.grid import Grid
 from torchplate.diagnosis.field.infer import infer_field, with_field
-from torchplate.diagnosis.field.strength import Products, cross_validated, forms, solved
+from torchplate.diagnosis.field.strength import Products, _solved, cross_validated, forms, solved
 from torchplate.diagnosis.result import Diagnosis, Gap, Location
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.plate import Mesh
@@ -76,6 +76,21 @@ class TestStrength:
         nothing = torch.zeros(30, dtype=torch.float64)
         chosen = cross_validated(self._data(nothing), forms(grid, None, SETTINGS.inferring), SETTINGS.inferring)
         assert chosen.error > (1 - SETTINGS.inferring.helps) * chosen.without
+
+    def test_directions_of_which_rounding_alone_is_left_stay_where_they_are(self):
+        """A fold that alone saw them left zeros on the diagonal and rounding beside: the diagnosis ended in that."""
+        generator = torch.Generator().manual_seed(4)
+        seen = torch.randn(9, 4, generator=generator, dtype=torch.float64)
+        rounding = 1e29 * torch.randn(5, 5, generator=generator, dtype=torch.float64)
+        matrix = torch.zeros(2, 9, 9, dtype=torch.float64)
+        matrix[:, 5:, 5:] = seen.mT @ seen
+        matrix[0, :5, :5] = (rounding + rounding.mT).fill_diagonal_(0.0)
+        matrix[1, :5, :5] = 1e46 * torch.eye(5, dtype=torch.float64)
+        right = torch.randn(2, 9, generator=generator, dtype=torch.float64)
+        x = _solved(matrix, right)
+        assert x[0, :5].tolist() == [0.0] * 5
+        expected = -torch.linalg.solve(seen.mT @ seen, right[:, 5:].mT).mT
+        assert torch.allclose(x[:, 5:], expected, rtol=1e-6)
 
     def test_values_that_must_not_be_negative_are_not(self):
         generator = torch.Generator().manual_seed(2)

@@ -388,14 +388,14 @@ def test_records_that_drift_and_channels_of_another_level_are_read_as_one_test(w
 
 
 @torch.no_grad()
-def test_columns_of_the_specimen_are_not_held_while_the_next_are_made(workshop, monkeypatch):
+def test_columns_of_the_specimen_are_not_held_while_the_next_are_made(workshop, monkeypatch, collect):
     """Each as long as all FRFs: of 121 of them they are 55 MiB. After the way none are held at all."""
     made = fitted_at_once.specimen_columns
     n_off, n = len(workshop.specimens.names), 2 * workshop.frf.numel()
     held: list[int] = []
 
     def n_held() -> int:
-        gc.collect()
+        collect()
         every = [one for one in gc.get_objects() if type(one) is torch.Tensor]
         return len({one.untyped_storage().data_ptr() for one in every if one.shape == (n_off, n)})
 

@@ -12,6 +12,7 @@ from torchplate.discrepancy.norms import relative_frf_norm
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT, Imperfections
 from torchplate.measurement.noise import Noise, noise_level
+from torchplate.measurement.resonances import Resonances
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
@@ -53,6 +54,15 @@ def told(lab, std, frf) -> Noise:
     return Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std))
 
 
+FOUND: dict[bytes, Resonances | None] = {}
+
+
+def resonances_of(measured) -> Resonances | None:
+    """What the estimator finds in these FRFs; many tests are of the same ones, and it takes most of their time."""
+    key = measured.frf.numpy().tobytes()
+    return FOUND[key] if key in FOUND else FOUND.setdefault(key, noise_level(measured).resonances)
+
+
 def target(lab, frf, share=0.01, heldout=((0, 2),), seed=None, **others) -> FrfTarget:
     std = lab.true_std(frf, share, "mixed")
     noise = 0 if seed is None else lab.noise_of(std, seed)
@@ -61,7 +71,7 @@ def target(lab, frf, share=0.01, heldout=((0, 2),), seed=None, **others) -> FrfT
     for pair in heldout:
         which[pair] = True
     # Resonances as the estimator of noise finds them, noise as it is.
-    told_noise = replace(told(lab, std, frf), resonances=noise_level(measured).resonances)
+    told_noise = replace(told(lab, std, frf), resonances=resonances_of(measured))
     return FrfTarget(measured, told_noise, which, **others)
 
 

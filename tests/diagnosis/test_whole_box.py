@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import gc
 import math
 import weakref
 
@@ -61,8 +60,10 @@ def weighed(mass: float, scatter: float, prior: bool = False) -> tuple[Weighed, 
     return found, Problem(plates.reduced(found.model, found.modes), evidence, told, SETTINGS)
 
 
-def grid(problem: Problem, n: int) -> tuple[torch.Tensor, torch.Tensor]:
+@functools.cache
+def grid(mass: float, scatter: float, n: int = 40) -> tuple[torch.Tensor, torch.Tensor]:
     """The middles of n cells along each parameter, and the cost of each, no mirror image taken for another."""
+    problem = weighed(mass, scatter)[1]
     axis = (torch.arange(n, dtype=torch.float64) + 0.5) / n
     places = torch.cartesian_prod(*(axis for _ in range(problem.natural.n_parameter)))
     return places, torch.cat([problem.cost(some) for some in places.split(4096)])
@@ -73,7 +74,7 @@ def test_a_mass_counts_for_what_its_likelihood_holds_over_the_whole_plate(mass, 
     """20 g that hardly show may be anywhere; 150 g are on a bent valley of place and size, four times over."""
     with torch.no_grad():
         one, problem = weighed(mass, scatter)
-        _, cost = grid(problem, 40)
+        _, cost = grid(mass, scatter)
         found = over_the_box(problem, one.minima)
     assert found.n_effective >= SETTINGS.drawing.n_effective
     whole = -2 * float((-0.5 * cost).logsumexp(0) - math.log(len(cost)))
@@ -83,7 +84,7 @@ def test_a_mass_counts_for_what_its_likelihood_holds_over_the_whole_plate(mass, 
 def test_a_sample_of_the_posterior_has_its_quantiles():
     with torch.no_grad():
         one, problem = weighed(0.15, 4e-3)
-        places, cost = grid(problem, 40)
+        places, cost = grid(0.15, 4e-3)
         drawn = sample(over_the_box(problem, one.minima), 4000)
     weight = (-0.5 * cost).softmax(0)
     for k, name in enumerate(one.model.names):
@@ -126,14 +127,14 @@ def test_a_refit_that_is_hopeless_after_its_first_steps_is_not_followed(monkeypa
 
 
 @torch.no_grad()
-def test_no_basis_of_a_hypothesis_is_kept_beside_what_was_found(monkeypatch):
+def test_no_basis_of_a_hypothesis_is_kept_beside_what_was_found(monkeypatch, collect):
     """A basis is as large as all elements in it, where these differ: those of all hypotheses were gigabytes."""
     made: list[weakref.ref] = []
     alive: list[int] = []
     reduced = Plates.reduced
 
     def counted(self: Plates, *given):
-        gc.collect()
+        collect()
         alive.append(sum(one() is not None for one in made))
         found = reduced(self, *given)
         made.append(weakref.ref(found))
@@ -147,7 +148,7 @@ def test_no_basis_of_a_hypothesis_is_kept_beside_what_was_found(monkeypatch):
     parts = [tried(plates, fitted, k, one, SETTINGS) for k, one in enumerate(some)]
     found = [bench.refitted(single(fitted, one, SETTINGS)) for one in parts]
     found += [bench.integrated(bench.rebuilt(one)) for one in found]
-    gc.collect()
+    collect()
     assert len(made) >= 4 * len(parts) >= 8
     # Beside the one that is made at most the one of the same candidate before its far members joined.
     assert max(alive) <= 1

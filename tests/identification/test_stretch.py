@@ -5,9 +5,9 @@ import math
 import pytest
 import torch
 
-from torchplate.effects import HystereticDamping, Orthotropy, Plate, Searched
+from torchplate.effects import HystereticDamping, Orthotropy, Plate, Searched, SupportSpring
 from torchplate.identification import stretched
-from torchplate.measurement import SI_UNIT, Channel, Measurement, place
+from torchplate.measurement import SI_UNIT, Channel, Measurement, peaks, place
 from torchplate.model import PlateModel
 from torchplate.plate import Mesh
 
@@ -16,11 +16,13 @@ PLACES = {"response": [(0.02, 0.03)], "reference": [(0.97, 0.9), (0.31, 0.62)]}
 EDGES = {"free": {}, "clamped": {"x0": "clamped"}}
 
 
-def hit(sides, edges, kind, thickness, ratio, shear, loss=0.01, mesh=(20, 20)) -> Measurement:
+def hit(sides, edges, kind, thickness, ratio, shear, loss=0.01, mesh=(20, 20), cords=0.0) -> Measurement:
     """The FRFs of a plate, in a level of its own."""
     known = NUMBERS | {"plate.thickness": thickness, "loss.stiffness_loss_factor": loss}
     known |= {"grain.young_ratio": ratio, "grain.shear_factor": shear}
     effects = {"plate": Plate(), "grain": Orthotropy(), "loss": HystereticDamping()}
+    effects["cords"] = SupportSpring(at=((0.1, 0.2), (0.8, 0.1), (0.3, 0.9)))
+    known |= {"cords.stiffness": cords, "cords.viscous_damping": 0.02}
     model = PlateModel(Mesh(*sides, *mesh, edges=edges), effects, known)
     frequency = torch.arange(4.0, 700.0, 0.5, dtype=torch.float64)
     with torch.no_grad():
@@ -52,6 +54,18 @@ def test_the_grain_of_the_test_leaves_least_and_the_factor_is_its_thickness(side
     # Natural frequencies go with the thickness; a step is 1 %, and the coarse mesh 1 % off.
     assert float(found.factor[1]) == pytest.approx(4.3, rel=0.02)
     assert found.n_peak >= 8
+
+
+def test_a_plate_that_swings_on_its_cords_is_looked_at_where_it_bends():
+    """Its first peaks are no modes of a free plate, whose first was looked for within a factor of eight of them."""
+    sides = 0.58, 0.22
+    measurement = hit(sides, {}, "accelerance", thickness=0.0083, ratio=0.09, shear=0.75, cords=110.0)
+    assert peaks(measurement)[0] < 8 < 70 < peaks(measurement)[3]
+    theta = torch.tensor([[1.0, 1.0], [0.09, 0.75], [1 / 0.09, 0.75]], dtype=torch.float64)
+    found = stretched(models(sides, {}), theta, measurement, place(measurement, *sides, 4, 4))
+    assert int(found.left.argmin()) == 1
+    assert float(found.left[1]) < 0.15
+    assert float(found.factor[1]) == pytest.approx(8.3, rel=0.02)
 
 
 def test_a_test_without_resonances_tells_nothing():

@@ -208,6 +208,18 @@ def test_a_delay_and_a_turned_sensor_do_not_turn_time():
     assert disagreements(plate(), replace(right, frf=-right.frf * phase)) == ()
 
 
+def test_an_axis_in_khz_is_named():
+    there = measured()
+    (said,) = disagreements(plate(), replace(there, frequency=1e-3 * there.frequency))
+    assert said.endswith("It would fit a frequency axis in kHz (multiply by 1000).")
+
+
+def test_sides_in_cm_that_were_taken_for_mm_are_named():
+    mesh = replace(RECTANGLE, length_x=RECTANGLE.length_x / 10, length_y=RECTANGLE.length_y / 10)
+    (said,) = disagreements(plate(mesh), measured())
+    assert "It would fit the sides in centimetres that were read as millimetres (0.48 × 0.37 m)" in said
+
+
 def over(measurement: Measurement, factor: float, low: float = 0.0, high: float = math.inf) -> Measurement:
     """A part of the band, over an axis times a factor."""
     kept = (measurement.frequency >= low) & (measurement.frequency <= high)

@@ -214,6 +214,19 @@ def test_a_given_kind_overrides_the_file_and_says_so(record_58, tmp_path):
     assert any("as told" in note for note in told.notes)
 
 
+@pytest.mark.parametrize(
+    ("labels", "said"), [((4, 9), ""), ((4, 12), "1 of the FRFs' 2 nodes: 9."), ((1, 2), ": 4, 9.")]
+)
+def test_nodes_that_the_geometry_has_not_are_named_in_a_note(labels, said, record_58, tmp_path):
+    path = tmp_path / "plate.uff"
+    points = "".join(f"{node:10d}{0:10d}{0:10d}{0:10d}{0.1 * node:13.5e}{0.2:13.5e}{0:13.5e}\n" for node in labels)
+    geometry = f"    -1\n    15\n{points}    -1\n".encode()
+    path.write_bytes(geometry + good(record_58))
+    notes = [note for note in read_measurement(path).notes if "has no place for" in note]
+    assert len(notes) == bool(said)
+    assert all(said in note and "measurement.nodes" in note for note in notes)
+
+
 def test_an_unknown_unit_label_is_named_in_a_note(record_58, tmp_path):
     path = tmp_path / "volt.uff"
     path.write_bytes(good(record_58, numerator=(12, "mV")))

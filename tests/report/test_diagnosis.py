@@ -303,7 +303,7 @@ class TestTensorBoard:
         )
 
 
-def test_the_places_of_a_candidate_have_three_digits(tmp_path):
+def test_the_places_of_a_candidate_have_three_digits(tmp_path, unrendered):
     place = 0.9656002751977983, 0.9080882352941176
     turned = samples.Scored("channel_polarity", {"channels": ((place, None),)}, 0.0, {}, (), None, "rejected")
     samples.write_diagnosis("plate", replace(samples.diagnosis(n_line=12), scores=((turned,),)), tmp_path)

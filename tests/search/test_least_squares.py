@@ -593,11 +593,11 @@ def test_many_residuals_are_factored_some_at_a_time_and_come_out_as_all_at_once(
     assert torch.allclose(parts.objective, whole.objective, rtol=1e-12)
 
 
-def test_a_jacobian_that_is_not_asked_for_is_not_held_while_the_next_is_made():
+def test_a_jacobian_that_is_not_asked_for_is_not_held_while_the_next_is_made(collect):
     n, start, held = 901, tensor(0.3, 0.4)[None], []
 
     def n_held() -> int:
-        gc.collect()
+        collect()
         every = [one for one in gc.get_objects() if type(one) is Tensor]
         return len({one.untyped_storage().data_ptr() for one in every if one.untyped_storage().nbytes() == 8 * n * 2})
 

@@ -12,8 +12,8 @@ POOR_FREQUENCY, PARTIAL_FREQUENCY = 0.05, 0.01
 deviations is taken to be known to."""
 
 LOOK_FIRST = (
-    "Do not use the values: look at units, channels, supports and the mesh (torchplate inspect), then torchplate "
-    "diagnose."
+    "Do not use the values: look at sides, units, channels, supports and the mesh (torchplate inspect), then "
+    "torchplate diagnose."
 )
 SOMETHING_MISSING = "Look for what is missing (torchplate diagnose) before the values are used."
 

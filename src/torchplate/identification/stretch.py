@@ -25,6 +25,11 @@ MOST_PEAKS: Final = 12
 """The band ends behind so many peaks: above, modes lie too close to be told apart."""
 LEAST_PEAKS: Final = 3
 """Fewer tell no order."""
+SWING: Final = 4.0
+"""A free plate's modes lie nearer to each other than by this factor [-]: a strip's first two, which are the farthest
+apart, by 2.76. So what lies below such a gap is the plate on its cords."""
+N_SWING: Final = 6
+"""Rigid-body modes of a plate on cords, at most."""
 MOST_FRFS: Final = 16
 N_MODE: Final = 40
 POWER: Final = {"receptance": 0, "mobility": 1, "accelerance": 2}
@@ -56,11 +61,13 @@ def stretched(
         measurement: Whose FRFs are looked at.
         places: Where its channels are.
     """
-    seen = peaks(measurement)
+    bottom, seen = float(measurement.frequency[measurement.frequency > 0][0]), list(peaks(measurement))
+    if all(condition == "free" for condition in model.mesh.edges.values()):
+        bottom, seen = _above_swinging(bottom, seen)
     if len(seen) < LEAST_PEAKS or measurement.kind not in POWER:
         return None
     top = 1.1 * seen[min(len(seen), MOST_PEAKS) - 1]
-    cut = measurement.band(float(measurement.frequency[measurement.frequency > 0][0]), top)
+    cut = measurement.band(bottom, top)
     pairs = [(j, k) for j, k in cut.pairs if bool((cut.frf[:, j, k].abs() > 0).all())]
     pairs = pairs[:: -(-len(pairs) // MOST_FRFS)] if pairs else []
     low, high = math.log(float(cut.frequency[0])), math.log(float(cut.frequency[-1]))
@@ -90,6 +97,14 @@ def stretched(
         left.append(float(variance[best]) / max(total, 1e-300))
     n_peak = sum(peak <= top for peak in seen)
     return Stretch(torch.tensor(factor, dtype=torch.float64), torch.tensor(left, dtype=torch.float64), n_peak)
+
+
+def _above_swinging(bottom: float, seen: list[float]) -> tuple[float, list[float]]:
+    """From where on a plate on cords bends [Hz], and its peaks from there on."""
+    for turn in range(min(N_SWING, len(seen) - 1), 0, -1):
+        if seen[turn] > SWING * seen[turn - 1]:
+            return math.sqrt(seen[turn] * seen[turn - 1]), seen[turn:]
+    return bottom, seen
 
 
 def _decibel(cut: Measurement, pairs: list[tuple[int, int]], grid: Tensor) -> Float[Tensor, "n_grid n_pair"]:

@@ -12,9 +12,14 @@ from torchplate.measurement.estimate import Estimate, Estimated, Windows, estima
 from torchplate.measurement.level import KIND_OF_MOTION
 from torchplate.measurement.measurement import SI_UNIT, Channel, Measurement, MeasurementError
 from torchplate.measurement.recording import Cutting, Hits, Recording, cut
+from torchplate.notation import percent
 
 ALIAS_FREE: Final = 2.56
 """Samples per hertz that analysers take; above rate / 2.56 the anti-alias filter is at work."""
+
+RINGING: Final = 0.1
+"""Root mean square of a response in the last twentieth of its record, over that of the whole record [-]: from here on
+FRFs leak. One that has decayed to 3 % of its beginning has 0.08."""
 
 
 def frf_of_hits(
@@ -100,6 +105,7 @@ def _measurement(
             f"Windowed by exp(-t/{windows.exponential:g} s): add {{effect: exponential_window, rate: "
             f"{1 / windows.exponential:.6g}}} to the effects of the config."
         )
+    notes += _ringing(hits, windows)
     kind = KIND_OF_MOTION[motions.pop()]
     return Measurement(
         frequency=torch.from_numpy(lines),
@@ -113,3 +119,33 @@ def _measurement(
         source=hits[references[0]].recording.source,
         notes=tuple(notes),
     )
+
+
+def _ringing(hits: dict[int, Hits], windows: Windows | None) -> list[str]:
+    """What is to be said of responses that are cut off while they ring."""
+    left = {reference: _left_at_end(own, windows) for reference, own in hits.items()}
+    worst = max(left, key=lambda reference: left[reference])
+    if left[worst] <= RINGING:
+        return []
+    own = hits[worst]
+    # Where it ends at exp(-4), a fiftieth.
+    window = own.force.shape[1] / own.rate / 4
+    return [
+        f"The responses still ring where their records end, after a hit at {worst} at {percent(left[worst], 2)} of "
+        "their mean level: the FRFs leak, and their peaks are too low and too broad. Record longer, or give "
+        f"--exponential-window {window:.2g}."
+    ]
+
+
+def _left_at_end(hits: Hits, windows: Windows | None) -> float:
+    """Level of the responses in the last twentieth of their records over that of the whole [-], noise taken off."""
+    n = hits.force.shape[1]
+    n_last, force = max(n // 20, 1), np.abs(hits.force)
+    n_before = int((force > 0.05 * force.max(axis=1, keepdims=True)).argmax(axis=1).min()) * 3 // 4
+    square = np.square(hits.response)
+    # What was there before the hit is noise; of fewer samples that cannot be said.
+    noise = square[..., :n_before].mean(-1) if n_before >= 8 else np.zeros(square.shape[:-1])
+    if windows is not None and windows.exponential is not None:
+        square = square * np.exp(-2 * np.arange(n) / hits.rate / windows.exponential)
+    last, whole = (np.maximum(part.mean(-1) - noise, 0.0).sum() for part in (square[..., -n_last:], square))
+    return float(np.sqrt(last / whole)) if whole > 0 else 0.0

@@ -37,6 +37,11 @@ def read_nodes(path: Path) -> dict[int, Point]:
         return places
     try:
         lines = lines_of(path)
+    except FileNotFoundError as error:
+        raise MeasurementError(
+            f"{path}: expected a table of nodes, got no such file. Write it, a node a line as 12, 0.1, 0.05, or check "
+            "the path."
+        ) from error
     except OSError as error:
         raise MeasurementError(
             f"{path}: expected a table of nodes (node, x, y[, z]), got none that can be read. Check the path."

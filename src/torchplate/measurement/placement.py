@@ -186,6 +186,13 @@ class _Grid:
     n_y: int
     source: str
 
+    def _exchanged(self, x: float, y: float) -> str:
+        """The question whether the sides were exchanged, where a point would lie on the plate then."""
+        most = OFF_PLATE * max(self.length_x, self.length_y)
+        if not (-most <= x <= self.length_y + most and -most <= y <= self.length_x + most):
+            return ""
+        return f"With the sides exchanged it lies on it: length_x {self.length_y:g}, length_y {self.length_x:g}? "
+
     def by_coordinate(self, channel: Channel, unit: str) -> Match:
         assert channel.coordinate is not None
         x, y, _ = channel.coordinate
@@ -201,7 +208,8 @@ class _Grid:
                     f"The coordinates look like {UNIT[unit]}: write measurement.frame: {{unit: {unit}}}, or state the "
                     "unit in dataset 164."
                     if unit
-                    else "Check mesh.length_x and mesh.length_y, and that the coordinates start at the plate's corner."
+                    else f"{self._exchanged(x, y)}Check mesh.length_x and mesh.length_y, and that the coordinates "
+                    "start at the plate's corner."
                 )
             )
         column, row = round(on_x / self.length_x * self.n_x), round(on_y / self.length_y * self.n_y)

@@ -74,6 +74,9 @@ LEVELS: Final = (
 )
 # What the measured natural frequencies are of those in Hz.
 FREQUENCIES: Final = ((2 * math.pi, "rad/s", "divide by 2π"), (1e-3, "kHz", "multiply by 1000"))
+# Sides of a plate so small that its coordinates may be in cm and not in mm [m]: `new` takes what is too large to be in
+# m for mm, and few plates that are hit at several marks are smaller.
+SMALL: Final = 0.15
 ORDER: Final = ("receptance", "mobility", "accelerance")
 
 
@@ -250,7 +253,7 @@ class _Box:
         yield (
             f"From {low:g} to {high:g} Hz the model has {what} frequencies, whatever the values in the intervals "
             f"(the first beyond rigid-body motion lies at {_span(*self.first)} Hz), and the measurement shows {seen}"
-            f"{first}. {self._units(fits)}"
+            f"{first}. {self._units(fits, axis=True)}"
         )
 
     def _count(self, low: float, high: float, scale: float) -> Float[Tensor, " n_member"]:
@@ -317,9 +320,13 @@ class _Box:
         order = round(middle)
         return order if abs(middle - order) < self.limits.slope and bool((slope.round() == order).all()) else 0
 
-    def _units(self, fits: Callable[[float], bool]) -> str:
-        """Which numbers of the plate look as if they were in another unit, and how to write them."""
+    def _units(self, fits: Callable[[float], bool], axis: bool = False) -> str:
+        """Which numbers of the plate, or of the frequency axis, look as if they were in another unit."""
+        mesh = self.model.mesh
         guesses = []
+        if max(mesh.length_x, mesh.length_y) < SMALL and fits(10**-2.0):
+            sides = f"{10 * mesh.length_x:.3g} × {10 * mesh.length_y:.3g} m"
+            guesses.append(f"the sides in centimetres that were read as millimetres ({sides})")
         for key, (quantity, span) in sizes(self.model).items():
             for unit, factor in quantity.meant(*span):
                 name = key.rpartition(".")[2]
@@ -331,8 +338,11 @@ class _Box:
                     subject = "the sides" if name == "length_x" else key
                     written = f" (write {span.times(factor).as_written()})" if name != "length_x" else ""
                     guesses.append(f"{subject} in {unit}{written}")
+        guesses = guesses[:3]
+        # What counts say of rad/s is too little: `of_axis` looks at where the peaks stand.
+        guesses += ["a frequency axis in kHz (multiply by 1000)"] if axis and fits(1e-3) else []
         if guesses:
-            return f"It would fit {' or '.join(guesses[:3])}."
+            return f"It would fit {' or '.join(guesses)}."
         return (
             "They scale with thickness √(youngs_modulus / density) / side²: check these in m, Pa and kg/m³, and the "
             "supports and edges."

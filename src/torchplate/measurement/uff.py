@@ -1,6 +1,7 @@
 """FRFs and coherence of a universal file (dataset 58, ASCII or binary) as one measurement, with nodes and units."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -74,7 +75,7 @@ def read_uff(path: Path, kind: str | None = None, normal: int = 3) -> Measuremen
     _complex(frfs, path, notes)
     if strange := next((r for r in frfs if r.axis), None):
         notes.append(f"The unit label {strange.axis!r} of the frequency axis is not known; taken as Hz.")
-    notes += _turned(frfs)
+    notes += [*_turned(frfs), *_unplaced(frfs, places)]
     found, factor = _kind_and_factor(frfs, kind, geometry.units, path, notes)
     return _assemble(frfs, [r for r in records if r.function_type == 6], places, found, factor, path, notes)
 
@@ -132,6 +133,20 @@ def _turned(frfs: list[Record]) -> list[str]:
             "nearest axis of the file, along which it is taken. Check the node's coordinate system."
         )
     return notes
+
+
+def _unplaced(frfs: list[Record], places: Mapping[int, Point]) -> list[str]:
+    """What is to be said of FRFs at nodes that the geometry has not."""
+    nodes = {r.response[0] for r in frfs} | {r.reference[0] for r in frfs if r.function_type != 5}
+    missing = sorted(nodes - set(places))
+    if not places or not missing:
+        return []
+    first = ", ".join(map(str, missing[:4])) + (" ..." if len(missing) > 4 else "")
+    return [
+        f"The geometry, with the labels {min(places)} to {max(places)}, has no place for {len(missing)} of the FRFs' "
+        f"{len(nodes)} nodes: {first}. Make the labels agree in the export, or give a table of nodes "
+        "(measurement.nodes)."
+    ]
 
 
 def _kind_and_factor(

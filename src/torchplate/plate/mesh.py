@@ -64,7 +64,10 @@ class Mesh:
                 )
         for edge, condition in self.edges.items():
             if edge not in EDGES:
-                raise ValueError(f"No edge named '{edge}'. Use one of {', '.join(EDGES)}.")
+                raise ValueError(
+                    f"No edge named '{edge}'. Use one of {', '.join(EDGES)}: x0 is the edge at x = 0, y1 the edge at "
+                    "y = length_y."
+                )
             if condition not in EDGE_CONDITIONS:
                 raise ValueError(
                     f"Expected mesh.edges.{edge} to be one of {', '.join(EDGE_CONDITIONS)}, got '{condition}'."

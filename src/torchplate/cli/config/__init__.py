@@ -4,7 +4,7 @@
 - `recipe`: a checked config and the plate it describes; `measured`: with what was measured; `searches`: the searches
   that it can ask for; `build`: from all of these to model, evidence and objective.
 - `plate_test`: a config as a test that a diagnosis or a plan takes.
-- `memory`: whether its mesh fits the machine.
+- `memory`: whether its mesh fits the machine; `odd_values`: numbers that may be and that hardly anybody means.
 """
 
 from torchplate.cli.config.file import InputError, dump, read_config

@@ -8,6 +8,7 @@ from typing import Any
 
 from torchplate.cli.config.file import checked, read_config
 from torchplate.cli.config.measured import Measured
+from torchplate.cli.config.odd_values import odd_values
 from torchplate.cli.config.searches import foreign, optimizer_of
 from torchplate.cli.schema import StateConfig, unknown_key, validated, validated_states
 from torchplate.discrepancy import OBJECTIVES, Evidence, ModalEvidence, Objective
@@ -127,6 +128,7 @@ class Run(Measured):
         """
         settings = self.config.measurement
         found = [f"{key}: {sentence}" for key, sentence in unusual(model)]
+        found += odd_values(self.config, model)
         frfs, table = self.measurement(), settings.natural_frequencies
         if frfs is not None:
             top = float(frfs.frequency.max())

@@ -32,6 +32,21 @@ SYNONYMS: Final = {
     "compliance": "receptance",
 }
 
+# Symbols of the field for the names of parameters. A damping ratio is half of a loss factor.
+SYMBOLS: Final = {
+    "e": "youngs_modulus",
+    "nu": "poisson_ratio",
+    "rho": "density",
+    "h": "thickness",
+    "t": "thickness",
+    "eta": "stiffness_loss_factor",
+    "beta": "stiffness_loss_factor",
+    "k": "stiffness",
+    "c": "viscous_damping",
+    "m": "mass",
+}
+HALVES: Final = ("damping_ratio", "zeta", "damping")
+
 
 class ConfigError(ValueError):
     """What is wrong with a config.
@@ -81,6 +96,8 @@ def first_complaint(error: ValidationError, root: type[BaseModel] | None = None,
         return key, message
     named = SYNONYMS.get(given.strip().lower()) if kind == "literal_error" and isinstance(given, str) else None
     remedy = f"Write {named}" if named and f"'{named}'" in message else "Correct it"
+    if message == "a list" and isinstance(given, int | float):
+        remedy = f"Write [{given}]"
     return key, f"Expected {message}, got {shown(given)}. {remedy}."
 
 
@@ -103,8 +120,13 @@ def unknown_key(name: str, known: Iterable[str], section: str = "") -> str:
     of_effect = section.startswith("effects.")
     words = f"torchplate effects {section.removeprefix('effects.')}" if of_effect else f"torchplate keys {section}"
     page = EFFECT_PAGE if of_effect else KEY_PAGE
+    meant = did_you_mean(name, known)
+    if (named := SYMBOLS.get(name.casefold())) in known:
+        meant = f" Write {named}."
+    if name.casefold() in HALVES and "stiffness_loss_factor" in known:
+        meant = " Write stiffness_loss_factor, which is twice the damping ratio."
     return (
-        f"No key or name '{name}' here.{did_you_mean(name, known)} There are: {', '.join(known)}. "
+        f"No key or name '{name}' here.{meant} There are: {', '.join(known)}. "
         f"`{words.strip()}` explains each, as the page {page} of the documentation does."
     )
 

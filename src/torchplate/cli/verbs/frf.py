@@ -1,6 +1,7 @@
 """`torchplate frf RECORDS... --out FILE.uff`: from the time records of hits to FRFs and coherence."""
 
 import re
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -68,6 +69,8 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
             f"--reference: Expected one node for each of {len(records)} files, or one for all, got "
             f"{len(told.references)}. Correct it."
         )
+    if not told.references:
+        _check_names(records)
     recordings: list[Recording] = []
     named: list[str] = []
     for number, path in enumerate(records):
@@ -91,6 +94,30 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
         console.print(say, highlight=False, markup=False, soft_wrap=True)
     _say(measurement, recordings, out, told, console)
     return measurement
+
+
+def _check_names(records: Sequence[Path]) -> None:
+    """Whether the last number of each name can be the node that is hit.
+
+    Raises:
+        InputError: if it seems to count the hits at each node: hit_11_1, hit_11_2, hit_12_1, ...
+    """
+    numbers = [re.findall(r"\d+", path.stem) for path in records if path.suffix.lower() not in UFF_SUFFIX]
+    if not numbers or min(map(len, numbers)) < 2:
+        return
+    counts = defaultdict[int, list[int]](list)
+    for *_, before, last in numbers:
+        counts[int(before)].append(int(last))
+    first = min(map(min, counts.values()))
+    runs = all(sorted(found) == list(range(first, first + len(found))) for found in counts.values())
+    if len(counts) < 2 or min(map(len, counts.values())) < 2 or first > 1 or not runs:
+        return
+    raise InputError(
+        f"{records[0]}: Expected the node that is hit as the last number of a name, got {first}, {first + 1} ... after "
+        f"each of {', '.join(map(str, sorted(counts)[:4]))}{' ...' if len(counts) > 4 else ''}, which may count the "
+        f"hits. Say which it is: --reference {' '.join(before for *_, before, _ in numbers)}, or --reference "
+        f"{' '.join(last for *_, last in numbers)}."
+    )
 
 
 def _labelled(recordings: list[Recording], path: Path, told: Conversion) -> list[Recording]:

@@ -24,6 +24,8 @@ from torchplate.measurement import (
     assess,
     describe,
     is_modal_table,
+    propose,
+    read_geometry,
     read_measurement,
     read_modal_table,
     read_recordings,
@@ -63,7 +65,7 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
             _next(contents, path, console)
             return None
     try:
-        measurement = read_measurement(path)
+        measurement = read_measurement(path, normal=3 if contents is None else _normal(path))
     except MeasurementError as error:
         if contents is None:
             raise
@@ -90,6 +92,17 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
     if contents is not None:
         _next(contents, path, console)
     return target
+
+
+def _normal(path: Path) -> int:
+    """The file's axis out of the plate: z, unless its points lie in another plane."""
+    places, axis = read_geometry(path)
+    try:
+        return (
+            propose(np.array(list(places.values()), dtype=np.float64), axis or 3).frame.normal if places else axis or 3
+        )
+    except MeasurementError:
+        return axis or 3
 
 
 def _next(contents: Contents, path: Path, console: Console) -> None:

@@ -92,6 +92,8 @@ def _say(draft: Draft, out: Path, console: Console) -> None:
     console.print(str(out), style="bold", highlight=False, markup=False, soft_wrap=True)
     proposal = draft.proposal
     line(f"plate of {proposal.length_x:g} × {proposal.length_y:g} m ({proposal.sides.text})", proposal.sides.guess)
+    if draft.heard.sides:
+        line(draft.heard.sides, True)
     for said in (proposal.unit, proposal.axes, proposal.origin):
         line(said.text, said.guess)
     line(material_said(draft), draft.wishes.material is None)

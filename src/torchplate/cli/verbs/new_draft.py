@@ -1,6 +1,7 @@
 """A config in the making: what a measurement and its owner say of a plate, and what is guessed of the rest."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -218,9 +219,27 @@ def _placed(file: Path, wishes: Wishes) -> tuple[Measurement, Proposal]:
     measurement = read_measurement(file, wishes.kind, proposal.frame.normal)
     if table is not None:
         measurement = with_nodes(measurement, table, str(wishes.nodes))
+    _check_places(file, measurement, places)
     measurement = in_frame(measurement, proposal.frame)
     place(measurement, proposal.length_x, proposal.length_y, 4, 4)
     return measurement, proposal
+
+
+def _check_places(file: Path, measurement: Measurement, places: Mapping[int, tuple[float, float, float]]) -> None:
+    """Whether each channel has its place: the mesh that is to be proposed has no node numbers to go by.
+
+    Raises:
+        MeasurementError: if one has none.
+    """
+    references = () if measurement.kind == "transmissibility" else measurement.reference
+    missing = sorted({c.node for c in (*measurement.response, *references) if c.coordinate is None})
+    if missing:
+        first = ", ".join(map(str, missing[:4])) + (" ..." if len(missing) > 4 else "")
+        raise MeasurementError(
+            f"{file}: expected the places of all nodes that were measured, got none of {first}; the geometry has the "
+            f"labels {min(places)} to {max(places)}. Make the labels agree in the export, or give a table with the "
+            "columns node, x, y: --nodes nodes.csv."
+        )
 
 
 def _edges(wishes: Wishes, measurement: Measurement) -> dict[str, str]:

@@ -9,7 +9,7 @@ import torch
 
 from torchplate.effects import Searched, find_effect
 from torchplate.identification import stretched
-from torchplate.measurement import Measurement, Proposal, peaks, place
+from torchplate.measurement import METRES, Measurement, Proposal, peaks, place
 from torchplate.model import PlateModel
 from torchplate.notation import percent
 from torchplate.plate import MATERIALS, Material, Mesh, thickness_of
@@ -30,6 +30,11 @@ N_ELEMENT: Final = 80
 """Of the models that are tried."""
 THICKNESS: Final = 1e-3
 """Of the models that are tried [m]: natural frequencies go with it."""
+FAR: Final = 0.4
+"""Of natural frequencies [-]: points keep no margin of more than a third of a side from the edges."""
+ROUGHLY: Final = 1.4
+"""How near a factor on natural frequencies comes to that of a unit [-], of points that keep a margin of a tenth of a
+side and a plate whose thickness is a fifth off."""
 SLACK: Final = 1.05
 """Of √(E/ρ) squared and of ρ beyond the usual ranges [-]: callipers are 1 % off, and a coarse mesh as much."""
 
@@ -45,6 +50,7 @@ class Heard:
         shear_factor: G over its isotropic value [-], by the resonances; None where they say nothing of the grain.
         thickness: Low, taken, high [m], with the material's usual numbers; all alike where given.
         by: What the thickness is from.
+        sides: What the resonances say of sides that were guessed, where they are others; else empty.
     """
 
     material: Material
@@ -53,6 +59,7 @@ class Heard:
     shear_factor: float | None
     thickness: tuple[float, float, float]
     by: str
+    sides: str = ""
 
 
 class _Nearest(NamedTuple):
@@ -88,7 +95,8 @@ def heard(
     material = named or UNKNOWN
     given = None if thickness is None else (thickness,) * 3
     if named is not None and named.young_ratio == 1 and given is not None:
-        return Heard(named, "", 1.0, None, given, "given")
+        guessed = _nearest(measurement, sides, edges, named) if proposal.sides.guess else None
+        return Heard(named, "", 1.0, None, given, "given", _other_sides(guessed, proposal, given[1]))
     plate = _nearest(measurement, sides, edges, material)
     wood = None if named is not None else _nearest(measurement, sides, edges, WOOD)
     density = None if mass is None or thickness is None else mass / (sides[0] * sides[1] * thickness)
@@ -148,15 +156,58 @@ def _is_wood(wood: _Nearest, plate: _Nearest, density: float | None) -> bool:
     return wood.left <= ENOUGH and gain > 2 * math.log(1.0 if of_wood else ODDS)
 
 
+def _other_sides(plate: _Nearest | None, proposal: Proposal, thickness: float) -> str:
+    """Where no number of the material brings the resonances to guessed sides: the sides or the unit that would."""
+    if plate is None or plate.left > ENOUGH or _has(plate.material, _squared(plate, thickness)):
+        return ""
+    ratio, sides = plate.factor * THICKNESS / thickness, (proposal.length_x, proposal.length_y)
+    remedy = _other_unit(ratio, proposal) or "check the sides (--length), --thickness and --material"
+    if FAR < ratio < 1:
+        # Natural frequencies of a plate with another margin go about with one over its area.
+        half = sum(sides) / 4
+        margin = math.sqrt(half**2 + sides[0] * sides[1] * (1 / ratio - 1) / 4) - half
+        larger = " × ".join(f"{side + 2 * margin:.3g}" for side in sides)
+        remedy = (
+            f"with one margin around these points it would have some {larger} m. Measure the sides and give --length, "
+            "or check --thickness and --material"
+        )
+    return f"the resonances lie at {ratio:.2g} of those of such a plate of {sides[0]:g} × {sides[1]:g} m: {remedy}"
+
+
+def _other_unit(ratio: float, proposal: Proposal) -> str:
+    """The unit of coordinates or frequencies that a factor on all natural frequencies speaks for, and what to do."""
+    own = METRES[proposal.frame.unit]
+    for unit, metres in METRES.items():
+        # Natural frequencies go with one over the sides squared.
+        if unit != proposal.frame.unit and abs(math.log(ratio * (metres / own) ** 2)) < math.log(ROUGHLY):
+            sides = " × ".join(f"{side * metres / own:.3g}" for side in (proposal.length_x, proposal.length_y))
+            return f"in {unit} it would have {sides} m: give --unit {unit}, or --length"
+    for factor, unit in ((1e-3, "kHz"), (2 * math.pi, "rad/s")):
+        if abs(math.log(ratio / factor)) < math.log(ROUGHLY):
+            return f"the frequency axis looks like {unit} that are taken for Hz: correct it, or its label in the file"
+    return ""
+
+
+def _squared(plate: _Nearest, thickness: float) -> float:
+    """E/ρ [m²/s²] that the resonances give a plate of this thickness."""
+    usual = plate.material.youngs_modulus[1] / plate.material.density[1]
+    return (plate.factor * THICKNESS / thickness) ** 2 * usual
+
+
+def _has(material: Material, squared: float) -> bool:
+    """Whether this E/ρ is a usual one."""
+    low, high = (material.youngs_modulus[end] / material.density[2 - end] for end in (0, 2))
+    return low <= SLACK * squared and squared <= SLACK * high
+
+
 def _likely(plate: _Nearest, thickness: float, density: float | None) -> str:
     """The materials whose √(E/ρ) the resonances have, and whose density the mass gives."""
-    squared = (plate.factor * THICKNESS / thickness) ** 2 * plate.material.youngs_modulus[1] / plate.material.density[1]
+    squared = _squared(plate, thickness)
     names = [
         one.name
         for one in MATERIALS.values()
         if one.young_ratio == 1
-        and one.youngs_modulus[0] / one.density[2] <= SLACK * squared
-        and squared <= SLACK * one.youngs_modulus[2] / one.density[0]
+        and _has(one, squared)
         and (density is None or one.density[0] / SLACK <= density <= SLACK * one.density[2])
     ]
     return f"√(E/ρ) is near {math.sqrt(squared):.3g} m/s" + (f", as in {', '.join(names)}" if names else "")

@@ -43,6 +43,7 @@ def _mesh(draft: "Draft") -> list[str]:
     return [
         "mesh:",
         f"  {_said(proposal.sides)}",
+        *(f"  # {line}" for line in textwrap.wrap(draft.heard.sides, 110)),
         f"  length_x: {_number(proposal.length_x, 0.001)}    # m",
         f"  length_y: {_number(proposal.length_y, 0.001)}    # m",
         f"  # {draft.per_wave:.1f} elements along the shortest bending wave at {draft.band[1]:g} Hz; "

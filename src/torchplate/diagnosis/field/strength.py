@@ -141,7 +141,11 @@ def solved(
 
 def _solved(matrix: Float[Tensor, "*batch n n"], right: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
     """−matrix⁻¹ right, by columns of equal norm; directions that nothing knows stay where they are."""
-    norm = matrix.diagonal(dim1=-2, dim2=-1).clamp(min=1e-300).sqrt()
-    scaled = matrix / norm[..., :, None] / norm[..., None, :]
-    scaled = scaled + 1e-10 * torch.eye(matrix.shape[-1]).to(matrix)
-    return -torch.linalg.solve(scaled, right / norm) / norm
+    diagonal = matrix.diagonal(dim1=-2, dim2=-1)
+    # Where one fold alone sees a direction, the others leave rounding of it, which may be none or negative.
+    most = diagonal.flatten(0, -2).amax(0) if diagonal.ndim > 1 else diagonal
+    seen = diagonal > 1e-13 * most.clamp(min=1e-300)
+    norm = torch.where(seen, diagonal, 1.0).sqrt()
+    scaled = matrix * (seen[..., :, None] & seen[..., None, :]) / norm[..., :, None] / norm[..., None, :]
+    scaled = scaled + torch.diag_embed((~seen).to(matrix)) + 1e-10 * torch.eye(matrix.shape[-1]).to(matrix)
+    return -torch.linalg.solve(scaled, torch.where(seen, right, 0.0) / norm) / norm
