@@ -36,7 +36,7 @@ NOBODY = Beat()
 
 
 class Begun(NamedTuple):
-    """Where the starts of a fit lead beside the frequency axis, parameters and specimen together.
+    """Where the starts of a fit lead first, parameters and specimen together where nothing is known of the latter.
 
     Attributes:
         position: of the parameters, on the unit cube.
@@ -49,18 +49,26 @@ class Begun(NamedTuple):
     value: float
 
 
-def begin(builder: ModelBuilder, model: PlateModel, start: Float[Tensor, "n_start n"], prior: Prior) -> Begun:
-    """The first part of a fit where nothing is known of the specimen.
+def begin(
+    builder: ModelBuilder,
+    model: PlateModel,
+    start: Float[Tensor, "n_start n"],
+    prior: Prior,
+    about: Found | None = None,
+) -> Begun:
+    """The first part of a fit where a specimen is fitted too.
 
     Args:
         builder: what builds and evaluates it.
         model: in all dofs.
         start: positions on the unit cube, the best one first.
         prior: what is known of its parameters beforehand.
+        about: the specimen, where it is known.
     """
     theta = model.space.to_si(start[0])
     plain = builder.reduced(builder.corrected(model, theta).model, theta[None])
-    return _beside_the_axis(Joint(builder, model, builder.target.specimens(plain, theta), prior), start)
+    joint = Joint(builder, model, builder.target.specimens(plain, theta), prior)
+    return _beside_the_axis(joint, start) if about is None else _beside(joint, start, about)
 
 
 def fit(
@@ -92,8 +100,9 @@ def fit(
     prior, target, settings = prior or {}, builder.target, builder.target.settings.fitting
     if not model.names:
         return unfitted(builder, model)
-    start = start if begun is None else begun.position[None]
-    position = start[0]
+    first = start if begun is None else begun.position[None]
+    # Beside a specimen that is known, the basis is that of the best start, in which it has begun.
+    position = first[0] if about is None else start[0]
     value, way, known = torch.inf, math.inf, about
     for turn in range(settings.most_bases):
         theta = model.space.to_si(position)
@@ -102,7 +111,7 @@ def fit(
         plain = builder.reduced(corrected, theta[None])
         specimens = target.specimens(plain, theta)
         reduced = specimens.of(about)
-        starts = start if turn == 0 else position[None]
+        starts = first if turn == 0 else position[None]
         if turn == 0 and wide:
             starts, _ = widely(Problem(builder, reduced, prior), starts, target.settings.selecting.n_best)
         before, last = value, position
@@ -141,19 +150,24 @@ def fit(
 
 def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | None, begun: Begun | None) -> Ended:
     """Parameters and specimen at the sharp level; where nothing is known of the specimen, first a little smoothed."""
-    settings, target = joint.settings, joint.target
     if about is None:
         begun = begun or _beside_the_axis(joint, starts)
         return joint.descend_sharply(begun.position, begun.shift)
-    start = starts[0]
-    if len(starts) > 1:
-        sharp = target.levels - 1
-        alone, n = joint.beside(start, about), settings.n_together
-        places, values, _ = alone.descend(starts, sharp, n // 2)
-        # The better half goes on: where parameters and specimen end together is seen of one.
-        places, values, _ = alone.descend(places[values.argsort()[: (len(starts) + 1) // 2]], sharp, n - n // 2)
-        start = places[values.argmin()]
+    start = starts[0] if len(starts) == 1 else _beside(joint, starts, about).position
     return joint.descend_sharply(start, about.shift, about.channels)
+
+
+def _beside(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found) -> Begun:
+    """Parameters at the sharp level, the specimen as it was found: the best end of some starts."""
+    sharp, n = joint.target.levels - 1, joint.settings.n_together
+    alone = joint.beside(starts[0], about)
+    if len(starts) == 1:
+        return Begun(starts[0], about.shift, 0.5 * float(alone.residual(starts[0], sharp).square().sum()))
+    places, values, _ = alone.descend(starts, sharp, n // 2)
+    # The better half goes on: where parameters and specimen end together is seen of one.
+    places, values, _ = alone.descend(places[values.argsort()[: (len(starts) + 1) // 2]], sharp, n - n // 2)
+    best = int(values.argmin())
+    return Begun(places[best], about.shift, float(values[best]))
 
 
 def _beside_the_axis(joint: Joint, starts: Float[Tensor, "n_start n"]) -> Begun:
