@@ -104,6 +104,8 @@ def fit(
     # Beside a specimen that is known, the basis is that of the best start, in which it has begun.
     position = first[0] if about is None else start[0]
     value, way, known = torch.inf, math.inf, about
+    # A model where it ended beside a specimen that was known, in the basis of that fit.
+    other: PlateModel | None = None
     for turn in range(settings.most_bases):
         theta = model.space.to_si(position)
         if turn == 0 or (turn == 1 and builder.held):
@@ -111,6 +113,8 @@ def fit(
         plain = builder.reduced(corrected, theta[None])
         specimens = target.specimens(plain, theta)
         reduced = specimens.of(about)
+        if other is not None and about is not None and _at_rest(builder, other, reduced, theta, about, value):
+            break
         starts = first if turn == 0 else position[None]
         if turn == 0 and wide:
             starts, _ = widely(Problem(builder, reduced, prior), starts, target.settings.selecting.n_best)
@@ -125,7 +129,10 @@ def fit(
         else:
             joint = Joint(builder, model, specimens, prior, hopeless=hopeless, beat=beat.way)
             position, about, value, way = _jointly(joint, starts, about, begun)
-            about, begun = about if known is None else about.as_sure_as(known), None
+            begun = None
+            if known is not None:
+                about = about.as_sure_as(known)
+                other = specimens.of(about)
         moved = (position - last).abs().max()
         far = way > beat.way and target.wandering != UNIFORM
         if 2 * value > hopeless or far:
@@ -146,6 +153,30 @@ def fit(
         position = places[0]
     ended = settled(builder, corrected, plain, prior, position, about, specimens=specimens, known=known)
     return ended._replace(way=way)
+
+
+def _at_rest(
+    builder: ModelBuilder, before: PlateModel, now: PlateModel, theta: Tensor, about: Found, value: float
+) -> bool:
+    """Whether a fit that left no more than noise in one basis has nothing to gain in another.
+
+    Where it came to rest, −2 ln L can fall by no more in the other basis than by the sum of squares of what that
+    changes in the residuals: of what they were, nothing lies along what the parameters can do.
+
+    Args:
+        builder: what evaluates both.
+        before: the model in the basis in which it was fitted.
+        now: the same in the other one.
+        theta: its parameters, where it ended.
+        about: its specimen there.
+        value: half the sum of squares there.
+    """
+    target, settings = builder.target, builder.target.settings.fitting
+    change = builder.predict(now, theta) - builder.predict(before, theta)
+    if value > settings.lost * change[..., target.fitted].numel():
+        return False
+    marginal = target.marginal(now, theta, about)
+    return float(marginal.whitened(marginal.over_noise(change)).square().sum()) <= settings.little
 
 
 def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | None, begun: Begun | None) -> Ended:
