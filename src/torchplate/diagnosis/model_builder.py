@@ -1,7 +1,8 @@
 """Where models are built and evaluated: one mesh for all, its error taken off, and bases that are right where used.
 
 Every hypothesis is the baseline with one more effect. Those that are screened share one basis, of the baseline; those
-that are refitted get a basis of their own, from the modes where they start and where they are, built anew as they move.
+that are refitted get a basis of their own, from the modes where they start and where they are, built anew as they move
+unless the last one holds them too.
 """
 
 import copy

@@ -278,6 +278,8 @@ def shares_basis(model: PlateModel, one: Plan, other: Plan, n_mode: int) -> bool
         return False
     if not all(torch.equal(a.vector, b.vector) for a, b in pairs) or len(one.added) != len(other.added):
         return False
+    if not all(torch.equal(a.coupling, b.coupling) for a, b in zip(one.added, other.added, strict=True)):
+        return False
     if one.section.rigidity.shape != other.section.rigidity.shape or one.section.loss_factor is not None:
         # One differs from place to place.
         return False
