@@ -7,9 +7,11 @@ import torch
 
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.model_builder import with_candidate
+from torchplate.diagnosis.selection import exchange as module
 from torchplate.diagnosis.selection.criterion import Hypothesis, choose
 from torchplate.diagnosis.selection.exchange import Exchange
 from torchplate.diagnosis.selection.trace import Naming, State
+from torchplate.diagnosis.settings import SETTINGS
 
 
 class Two:
@@ -84,10 +86,19 @@ def test_a_name_that_is_as_good_as_the_best_stays(lab, first, other):
 
 
 @torch.no_grad()
-def test_what_the_others_make_needless_is_taken_out(lab):
+def test_what_the_others_make_needless_is_taken_out(lab, monkeypatch):
     two = Two(lab, "sensor_gain")
+    limits = []
+
+    def limited(*given, hopeless, **named):
+        limits.append(hopeless)
+        return fit(*given, hopeless=hopeless, **named)
+
+    monkeypatch.setattr(module, "fit", limited)
     kept = two.exchange.without_needless(two.state, two.builder, two.state.named)
     assert kept is two.state
+    # What leaves so much more without an effect needs it, and is not fitted to its end.
+    assert limits == [SETTINGS.searching.hopeless * two.state.fit.square] * 2
     beside = Two(lab, "time_delay")
     left = beside.exchange.without_needless(beside.state, beside.builder, beside.state.named)
     assert [one.hypothesis.name for one in left.named] == ["point_mass"]

@@ -213,3 +213,20 @@ def test_plates_that_share_their_modes_are_evaluated_without_an_eigenproblem(bui
         found = problem.predict(members, level)
         # Digits that the wires take from what is attached by a difference.
         assert float(((found - values).norm(dim=1) / values.norm(dim=1)).max()) < 1e-8
+
+
+def test_a_basis_that_holds_the_end_too_is_not_built_anew(lab, plate, truth, monkeypatch):
+    """Modes of the bare plate are the same at every modulus, and what wires do to them is in the basis."""
+    builder = ModelBuilder(plate, measured(lab, plate.frf(truth, LINES), 0).with_mesh_error(LINES * 0, 0.0, 9))
+    built = []
+    inner = model_builder.ritz_basis
+    monkeypatch.setattr(model_builder, "ritz_basis", lambda *given, **named: built.append(1) or inner(*given, **named))
+    start = torch.tensor([[0.56, 0.5, 0.4]], dtype=torch.float64)
+    found = fit(builder, builder.given, start, wide=False)
+    assert len(built) == 1
+    # As the model in all dofs has it, to a tenth of what a basis is taken to leave.
+    whole, small = (model.frf(found.theta, LINES) for model in (found.model, found.reduced))
+    assert float((whole - small).norm() / whole.norm()) < 5e-5
+    # A modulus far from there has fewer of its modes in it.
+    fit(builder, builder.given, torch.tensor([[0.1, 0.5, 0.4]], dtype=torch.float64), wide=False)
+    assert len(built) > 1

@@ -473,6 +473,8 @@ def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(
     monkeypatch.setattr(Ranking, "scored", scored)
     monkeypatch.setattr(selection.settling, "left_by_mesh", lambda *_: 3.0)
     monkeypatch.setattr(selection, "_needed", lambda state, _: looked.append(state))
+    # That mesh has a number of elements, whatever its error is.
+    monkeypatch.setattr(ModelBuilder, "corrected", lambda *_: pytest.fail("a mesh error was taken off for nothing"))
     rankings: list[Ranked] = []
     assert selection._one_more(state, settled, rankings) is None
     assert asked == [(settled, 3.0)]
@@ -621,3 +623,20 @@ def test_where_oversized_nuisances_leave_noise_squares_do_not_say_what_explains_
     # Far from noise a thirtieth is little.
     far, less = (lab.leaving(scene.fit, times * n) for times in (97.0, 94.0))
     assert not selection._explains_some(far, replace(hypothesis, fit=less), by_cost=True)
+
+
+@torch.no_grad()
+def test_a_baseline_is_fitted_on_the_given_mesh_once(lab, monkeypatch):
+    """It is asked before effects are looked for, and in the end again."""
+    scene, asked = lab.Scene(), []
+    far = lab.leaving(scene.fit, 100 * scene.fit.judged.n)
+    monkeypatch.setattr(settling.Settling, "as_given_from", lambda *given, **_: asked.append(given[3]) or far)
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    selection.begun = state = State(scene.state.model, far)
+    assert selection.on_the_given_mesh(state) is None
+    assert selection.as_given(state) == (far, None)
+    assert len(asked) == 1
+    # Another baseline is another matter.
+    selection.begun = replace(state, fit=lab.leaving(scene.fit, 90 * scene.fit.judged.n))
+    assert selection.as_given(selection.begun)[0] is far
+    assert len(asked) == 2

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from torchplate.diagnosis import fit as fit_module
 from torchplate.diagnosis import joint as fitted_at_once
 from torchplate.diagnosis.basins import fit_from_the_box
 from torchplate.diagnosis.fit import Beat, fit
@@ -259,6 +260,28 @@ def test_what_is_known_of_a_specimen_is_where_the_next_fit_begins(workshop):
     again = fit(builder, builder.given, start, {}, wide=False, about=first.about)
     assert again.cost == pytest.approx(first.cost, abs=3.0)
     assert builder.n_evaluation - before < before / 3
+
+
+@torch.no_grad()
+def test_a_fit_that_another_basis_can_gain_nothing_for_is_not_gone_on_with(workshop, monkeypatch):
+    builder = workshop.builder
+    first = fit_from_the_box(builder, builder.given, {})
+    descents: list[int] = []
+    inner = fit_module._jointly
+    monkeypatch.setattr(fit_module, "_jointly", lambda *given: descents.append(1) or inner(*given))
+    start = builder.given.space.to_cube(first.theta)[None] + 0.01
+    again = fit(builder, builder.given, start, {}, wide=False, about=first.about)
+    assert len(descents) == 1
+    assert again.cost == pytest.approx(first.cost, abs=3.0)
+    # One that holds too few modes changes what is left; and what leaves more than noise has not come to rest.
+    full, few = (
+        builder.target.specimens(builder.reduced(builder.given, again.theta[None], margin=margin), again.theta)
+        for margin in (3.0, 1.05)
+    )
+    now, rough = full.of(again.about), few.of(again.about)
+    half = 0.5 * again.square
+    for before, value, rests in ((now, half, True), (rough, half, False), (now, 1e3 * half, False)):
+        assert fit_module._at_rest(builder, before, now, again.theta, again.about, value) == rests
 
 
 @torch.no_grad()

@@ -15,6 +15,7 @@ from torchplate.diagnosis.selection.screen import Scored, screen, start_of
 from torchplate.diagnosis.selection.shortlist import kept
 from torchplate.diagnosis.selection.starts import spread_out
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
+from torchplate.diagnosis.settings import SETTINGS
 
 # What candidates promise to take from −2 ln L, the best one first.
 PROMISED = {"gain": 41.0, "mass": 22.0, "spring": 12.0, "delay": 3.0}
@@ -27,7 +28,7 @@ def scene(lab):
 
 
 @torch.no_grad()
-def test_what_came_near_before_is_tried_again_from_where_it_ended(scene):
+def test_what_came_near_before_is_tried_again_from_where_it_ended(scene, monkeypatch):
     gain, mass = scene.hypothesis("sensor_gain"), scene.hypothesis("point_mass")
     assert gain.fit.gap < 0.2 * scene.fit.gap < mass.fit.gap
     followed = Naming(mass, Choice(mass, (), gain, 1.0), scene.fit)
@@ -38,6 +39,12 @@ def test_what_came_near_before_is_tried_again_from_where_it_ended(scene):
     values = dict(zip(again.fit.model.names, again.fit.theta.tolist(), strict=True))
     assert values["sensor_gain_1.gain"] == pytest.approx(1.1, rel=0.01)
     assert "point_mass_1.mass" in values
+    # What leaves far more than what was refitted beside the same does not go to its end.
+    limits = []
+    monkeypatch.setattr(scene.ranking.refits, "refit", lambda *given, beat: limits.append((given[4], beat)) or gain)
+    scene.ranking._again(state, [gain, mass])
+    monkeypatch.undo()
+    assert limits == [(SETTINGS.searching.hopeless * gain.fit.square, scene.ranking._beat(state, [gain]))]
     # Not where nothing was looked at before, nor what did not come near.
     assert scene.ranking._again(scene.state) == []
     assert scene.ranking._again(State(model, mass.fit, (followed,), scene.state, Ranked((), (mass,)))) == []
@@ -218,7 +225,8 @@ def test_what_stays_far_above_the_best_beside_the_axis_is_not_refitted(scene, mo
     found = screen(scene.builder, base, scene.fit.theta, [scene.candidate(name) for name in every], {})
     values = {"sensor_gain": 7.0, "point_mass": 1.0, "density": 5.9, "thickness": 6.1}
 
-    def begin(builder, model, start, prior):
+    def begin(builder, model, start, prior, about):
+        assert about is module.known_section(state.fit)
         (name,) = [one.candidate.name for one in found if one.label in model.effects]
         return module.Begun(start[0], start.new_zeros(0), values[name])
 
@@ -234,8 +242,34 @@ def test_what_stays_far_above_the_best_beside_the_axis_is_not_refitted(scene, mo
     # Two go on however far off the second is.
     values["density"] = 1e3
     assert [one.candidate.name for one, _, _ in ranking._begun(state, ways)] == ["point_mass", "thickness"]
+    # Beside a specimen that is known all of them go, the nearest first: the others need not go to their end then.
     monkeypatch.setattr(module, "known_section", lambda fit: fit)
-    assert all(begun is None for _, _, begun in ranking._begun(state, ways))
+    went = ranking._begun(state, ways)
+    assert [one.candidate.name for one, _, _ in went] == ["point_mass", "thickness", "sensor_gain", "density"]
+    assert [begun.value for _, _, begun in went] == [1.0, 6.1, 7.0, 1e3]
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("known", [True, False])
+def test_what_sits_at_a_place_and_what_does_not_are_refitted_together_beside_a_known_specimen(
+    scene, monkeypatch, known
+):
+    """So that the nearest of them goes first, whatever it is."""
+    calls = []
+
+    def refitted(_self, _state, chosen, *_, **__):
+        calls.append({one.candidate.has_place for one, _ in chosen})
+        return []
+
+    monkeypatch.setattr(module.Ranking, "_refitted", refitted)
+    monkeypatch.setattr(module, "known_section", lambda _: object() if known else None)
+    monkeypatch.setattr(module, "kept", lambda *_: True)
+    two = ("sensor_gain", "point_mass")
+    monkeypatch.setattr(module, "promising", lambda every, *_: [one for one in every if one.candidate.name in two])
+    monkeypatch.setattr(module, "spread_out", lambda *given: given[-1].starts)
+    ranked = scene.ranking.at(scene.state)
+    assert ranked.promises[0].drop > 0.5
+    assert [one for one in calls if one] == ([{True, False}] if known else [{True}, {False}])
 
 
 @torch.no_grad()

@@ -5,6 +5,7 @@ import torch
 
 from torchplate.effects import DampingPatch, ExponentialWindow, HystereticDamping, Plate, SupportSpring, ViscousDamping
 from torchplate.model import PlateModel, Searched, modal_receptance
+from torchplate.model.complex_modes import complex_modes
 from torchplate.plate import Mesh
 
 KNOWN = {
@@ -93,3 +94,51 @@ def test_gradients_are_those_of_the_direct_solves(mesh):
         change = [float((weight * (end.real + 0.7 * end.imag)).sum()) for end in ends]
         # Rounding of the difference, and its third derivative.
         assert (change[0] - change[1]) / (2 * float(step[index])) == pytest.approx(slope, rel=1e-5)
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """How many matrices complex modes were solved for."""
+    numbers = []
+    inner = torch.linalg.eig
+
+    def counted(matrix):
+        numbers.append(matrix[..., 0, 0].numel())
+        return inner(matrix)
+
+    monkeypatch.setattr(torch.linalg, "eig", counted)
+    return numbers
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_members_a_step_of_differences_apart_share_one_solution(solved, relative_error, mesh):
+    model = build(MESHES[mesh])
+    steps = 1e-8 * torch.tensor([7e10, 20.0, 0.5], dtype=torch.float64)
+    members = torch.cat([MEMBERS[:1], MEMBERS[:1] + torch.diag(steps)])
+    with torch.no_grad():
+        together = model.frf(members, LINES)
+        n_together = sum(solved)
+        alone = torch.stack([model.frf(member, LINES) for member in members])
+    assert n_together == 1
+    assert relative_error(together, alone) < 1e-11
+    # The derivative by differences is that of solutions of their own, to what rounding leaves of a step of 1e-8.
+    slope, own = (found[1:] - found[:1] for found in (together, alone))
+    assert relative_error(slope, own) < 1e-3
+
+
+def test_members_far_apart_are_solved_for_alone(solved):
+    with torch.no_grad():
+        build(MESHES["rectangle"]).frf(MEMBERS, LINES)
+    assert sum(solved) == len(MEMBERS)
+
+
+@pytest.mark.parametrize("part", [1e-9, 1e-6, 1e-3])
+def test_what_is_found_from_a_neighbour_are_eigenvectors(part):
+    generator = torch.Generator().manual_seed(3)
+    square = torch.linspace(2.0, 9.0, 12, dtype=torch.float64).pow(4)
+    loss = 0.1 * torch.rand(2, 12, 12, generator=generator, dtype=torch.float64) * (square[:, None] * square).sqrt()
+    loss = loss + loss.mT
+    matrix = torch.diag_embed(square * (1 + 0.01j)) + 1j * torch.stack([loss[0], loss[0] + part * loss[1]])
+    value, shape, inverse = complex_modes(matrix)
+    assert (shape @ torch.diag_embed(value) @ inverse - matrix).abs().max() < 1e-12 * matrix.abs().max()
+    assert (shape @ inverse - torch.eye(12)).abs().max() < 1e-12

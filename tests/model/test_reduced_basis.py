@@ -418,3 +418,39 @@ def test_any_two_parameters_take_all_pairs_of_ends():
             for second in range(first):
                 pairs = {tuple(pair) for pair in design[:, [first, second]].tolist()}
                 assert len(pairs) == 4
+
+
+SHARED = {
+    "plate.youngs_modulus": Searched(5.8e10, 8.3e10),
+    "plate.density": Searched(2500.0, 2900.0),
+    "wires.stiffness": Searched(300.0, 40000.0, True),
+    "wires.viscous_damping": Searched(0.1, 9.0),
+    "lump.mass": Searched(0.0, 0.05),
+}
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_a_basis_holds_plates_that_differ_by_factors_and_in_what_sits_at_the_same_places(mesh):
+    model = plate(MESHES[mesh], SHARED, **{"lump.x": 0.41, "lump.y": 0.27})
+    # Springs ten times as strong, and a mass that was not there, which is a tenth of the plate.
+    one, other = torch.tensor([[7e10, 2700.0, 900.0, 1.0, 0.0], [7.4e10, 2750.0, 9e3, 4.0, 0.05]], dtype=torch.float64)
+    plans = [model.plan(member) for member in (one, other)]
+    assert reduced_basis.shares_basis(model, *plans, n_mode=10)
+    shared = model.projected(reduced_basis.ritz_basis(model, one[None], FREQUENCY, 0, 3.0))
+    # A tenth of what a diagnosis takes a basis to leave; the basis of the plate itself leaves half of this.
+    assert frf_error(model, shared, other[None], FREQUENCY[::4]) < 5e-5
+
+
+def test_a_basis_does_not_hold_what_sits_elsewhere_or_bends_otherwise_or_is_much_softer():
+    searched = PLACED | {"plate.youngs_modulus": Searched(3e10, 8.3e10)}
+    model = plate(MESHES["rectangle"], searched)
+    assert model.names == ("plate.youngs_modulus", "plate.poisson_ratio", "lump.x", "lump.y", "lump.mass")
+    here = torch.tensor([7e10, 0.32, 0.5, 0.3, 0.02], dtype=torch.float64)
+    changes = {0: 5e10, 1: 0.33, 2: 0.51}
+    for index, value in {**changes, 4: 0.03}.items():
+        there = here.clone()
+        there[index] = value
+        found = reduced_basis.shares_basis(model, model.plan(here), model.plan(there), n_mode=10)
+        assert found == (index not in changes)
+    # Where fewer modes are in the band than wires hold the plate, these have one residual together.
+    assert not reduced_basis.shares_basis(model, model.plan(here), model.plan(here), n_mode=2)

@@ -5,6 +5,7 @@ import itertools
 import pytest
 import torch
 
+from torchplate.model import modal_receptance
 from torchplate.model.modal_receptance import ModalSystem, receptance
 from torchplate.plate import Proportional
 
@@ -30,7 +31,7 @@ def found(parts: dict[str, torch.Tensor]) -> torch.Tensor:
 
 
 # As many rows as members, too: what is broadcast wrongly does not say so then.
-@pytest.mark.parametrize(("n_response", "n_reference"), [(1, 4), (2, 3), (3, 3), (4, 2), (3, 6)])
+@pytest.mark.parametrize(("n_response", "n_reference"), [(1, 4), (2, 3), (3, 3), (4, 2), (3, 6), (1, 18), (17, 1)])
 @torch.no_grad()
 def test_members_are_what_each_is_alone(n_response, n_reference):
     rows = {"response": n_response, "reference": n_reference}
@@ -52,3 +53,16 @@ def test_they_are_the_solutions_of_the_whole_impedance():
         impedance = alone + torch.eye(MODE) * s[index] ** 2 + u.mT @ torch.diag(parts["force"][:, index]) @ u
         solved = parts["response"].to(u) @ torch.linalg.solve(impedance, parts["reference"].to(u).mT)
         assert torch.allclose(one, solved, rtol=1e-10)
+
+
+@pytest.mark.parametrize(("n_response", "n_reference", "carried"), [(3, 3, False), (1, 4, False), (1, 18, True)])
+@torch.no_grad()
+def test_rows_are_carried_to_the_modes_where_the_other_side_has_many_more(
+    monkeypatch, n_response, n_reference, carried
+):
+    calls = []
+    inner = modal_receptance.pulls
+    monkeypatch.setattr(modal_receptance, "pulls", lambda *given: calls.append(1) or inner(*given))
+    rows = {"response": n_response, "reference": n_reference}
+    found({name: drawn(name, rows.get(name, 0)) for name in PARTS})
+    assert bool(calls) == carried

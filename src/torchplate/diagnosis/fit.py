@@ -36,7 +36,7 @@ NOBODY = Beat()
 
 
 class Begun(NamedTuple):
-    """Where the starts of a fit lead beside the frequency axis, parameters and specimen together.
+    """Where the starts of a fit lead first, parameters and specimen together where nothing is known of the latter.
 
     Attributes:
         position: of the parameters, on the unit cube.
@@ -49,18 +49,26 @@ class Begun(NamedTuple):
     value: float
 
 
-def begin(builder: ModelBuilder, model: PlateModel, start: Float[Tensor, "n_start n"], prior: Prior) -> Begun:
-    """The first part of a fit where nothing is known of the specimen.
+def begin(
+    builder: ModelBuilder,
+    model: PlateModel,
+    start: Float[Tensor, "n_start n"],
+    prior: Prior,
+    about: Found | None = None,
+) -> Begun:
+    """The first part of a fit where a specimen is fitted too.
 
     Args:
         builder: what builds and evaluates it.
         model: in all dofs.
         start: positions on the unit cube, the best one first.
         prior: what is known of its parameters beforehand.
+        about: the specimen, where it is known.
     """
     theta = model.space.to_si(start[0])
     plain = builder.reduced(builder.corrected(model, theta).model, theta[None])
-    return _beside_the_axis(Joint(builder, model, builder.target.specimens(plain, theta), prior), start)
+    joint = Joint(builder, model, builder.target.specimens(plain, theta), prior)
+    return _beside_the_axis(joint, start) if about is None else _beside(joint, start, about)
 
 
 def fit(
@@ -92,9 +100,12 @@ def fit(
     prior, target, settings = prior or {}, builder.target, builder.target.settings.fitting
     if not model.names:
         return unfitted(builder, model)
-    start = start if begun is None else begun.position[None]
-    position = start[0]
+    first = start if begun is None else begun.position[None]
+    # Beside a specimen that is known, the basis is that of the best start, in which it has begun.
+    position = first[0] if about is None else start[0]
     value, way, known = torch.inf, math.inf, about
+    # A model where it ended beside a specimen that was known, in the basis of that fit.
+    other: PlateModel | None = None
     for turn in range(settings.most_bases):
         theta = model.space.to_si(position)
         if turn == 0 or (turn == 1 and builder.held):
@@ -102,7 +113,9 @@ def fit(
         plain = builder.reduced(corrected, theta[None])
         specimens = target.specimens(plain, theta)
         reduced = specimens.of(about)
-        starts = start if turn == 0 else position[None]
+        if other is not None and about is not None and _at_rest(builder, other, reduced, theta, about, value):
+            break
+        starts = first if turn == 0 else position[None]
         if turn == 0 and wide:
             starts, _ = widely(Problem(builder, reduced, prior), starts, target.settings.selecting.n_best)
         before, last = value, position
@@ -116,7 +129,10 @@ def fit(
         else:
             joint = Joint(builder, model, specimens, prior, hopeless=hopeless, beat=beat.way)
             position, about, value, way = _jointly(joint, starts, about, begun)
-            about, begun = about if known is None else about.as_sure_as(known), None
+            begun = None
+            if known is not None:
+                about = about.as_sure_as(known)
+                other = specimens.of(about)
         moved = (position - last).abs().max()
         far = way > beat.way and target.wandering != UNIFORM
         if 2 * value > hopeless or far:
@@ -139,21 +155,50 @@ def fit(
     return ended._replace(way=way)
 
 
+def _at_rest(
+    builder: ModelBuilder, before: PlateModel, now: PlateModel, theta: Tensor, about: Found, value: float
+) -> bool:
+    """Whether a fit that left no more than noise in one basis has nothing to gain in another.
+
+    Where it came to rest, −2 ln L can fall by no more in the other basis than by the sum of squares of what that
+    changes in the residuals: of what they were, nothing lies along what the parameters can do.
+
+    Args:
+        builder: what evaluates both.
+        before: the model in the basis in which it was fitted.
+        now: the same in the other one.
+        theta: its parameters, where it ended.
+        about: its specimen there.
+        value: half the sum of squares there.
+    """
+    target, settings = builder.target, builder.target.settings.fitting
+    change = builder.predict(now, theta) - builder.predict(before, theta)
+    if value > settings.lost * change[..., target.fitted].numel():
+        return False
+    marginal = target.marginal(now, theta, about)
+    return float(marginal.whitened(marginal.over_noise(change)).square().sum()) <= settings.little
+
+
 def _jointly(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found | None, begun: Begun | None) -> Ended:
     """Parameters and specimen at the sharp level; where nothing is known of the specimen, first a little smoothed."""
-    settings, target = joint.settings, joint.target
     if about is None:
         begun = begun or _beside_the_axis(joint, starts)
         return joint.descend_sharply(begun.position, begun.shift)
-    start = starts[0]
-    if len(starts) > 1:
-        sharp = target.levels - 1
-        alone, n = joint.beside(start, about), settings.n_together
-        places, values, _ = alone.descend(starts, sharp, n // 2)
-        # The better half goes on: where parameters and specimen end together is seen of one.
-        places, values, _ = alone.descend(places[values.argsort()[: (len(starts) + 1) // 2]], sharp, n - n // 2)
-        start = places[values.argmin()]
+    start = starts[0] if len(starts) == 1 else _beside(joint, starts, about).position
     return joint.descend_sharply(start, about.shift, about.channels)
+
+
+def _beside(joint: Joint, starts: Float[Tensor, "n_start n"], about: Found) -> Begun:
+    """Parameters at the sharp level, the specimen as it was found: the best end of some starts."""
+    sharp, n = joint.target.levels - 1, joint.settings.n_together
+    alone = joint.beside(starts[0], about)
+    if len(starts) == 1:
+        return Begun(starts[0], about.shift, 0.5 * float(alone.residual(starts[0], sharp).square().sum()))
+    places, values, _ = alone.descend(starts, sharp, n // 2)
+    # The better half goes on: where parameters and specimen end together is seen of one.
+    places, values, _ = alone.descend(places[values.argsort()[: (len(starts) + 1) // 2]], sharp, n - n // 2)
+    best = int(values.argmin())
+    return Begun(places[best], about.shift, float(values[best]))
 
 
 def _beside_the_axis(joint: Joint, starts: Float[Tensor, "n_start n"]) -> Begun:

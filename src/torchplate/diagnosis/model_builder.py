@@ -1,12 +1,14 @@
 """Where models are built and evaluated: one mesh for all, its error taken off, and bases that are right where used.
 
 Every hypothesis is the baseline with one more effect. Those that are screened share one basis, of the baseline; those
-that are refitted get a basis of their own, from the modes where they start and where they are, built anew as they move.
+that are refitted get a basis of their own, from the modes where they start and where they are, built anew as they move
+unless the last one holds them too.
 """
 
 import copy
 import dataclasses
 import math
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -16,8 +18,40 @@ from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.held_edges import held_again, held_edges, on_springs
 from torchplate.diagnosis.settings import Fineness
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.model import Extrapolated, PlateModel, extrapolate, on_mesh, ritz_basis
-from torchplate.plate import Assembly, Mesh
+from torchplate.model import Extrapolated, PlateModel, extrapolate, on_mesh, ritz_basis, shares_basis
+from torchplate.plate import Assembly, Mesh, Plan
+
+
+class OfPlate(NamedTuple):
+    """A basis, and what it was made of.
+
+    Attributes:
+        basis: its columns.
+        model: in all dofs.
+        plan: the member; None where it was made of several.
+        off_marks: whether it holds what is read beside the marks.
+    """
+
+    basis: Float[Tensor, "n_free n_basis"]
+    model: PlateModel
+    plan: Plan | None
+    off_marks: bool
+
+    def holds(self, model: PlateModel, plan: Plan, n_mode: int, off_marks: bool) -> bool:
+        """Whether it holds another plate too.
+
+        Args:
+            model: in all dofs.
+            plan: the member.
+            n_mode: modes in the band.
+            off_marks: whether it is to hold what is read beside the marks.
+        """
+        own = self.model
+        alike = own.assembly.correction is model.assembly.correction and own.mesh == model.mesh
+        channels = (own.response, own.reference, own.kind) == (model.response, model.reference, model.kind)
+        if self.plan is None or not alike or not channels or off_marks != self.off_marks:
+            return False
+        return shares_basis(model, self.plan, plan, n_mode)
 
 
 class ModelBuilder:
@@ -44,8 +78,8 @@ class ModelBuilder:
         self._finer: Assembly | None = None
         self._known: list[Extrapolated] = []
         self._as_fine: dict[Fineness, ModelBuilder] = {}
-        # The last basis of each margin, from which the next one is found.
-        self._last: dict[float, Tensor] = {}
+        # The last basis of each margin, which may hold the next plate too, or from which its own is found.
+        self._last: dict[float, OfPlate] = {}
         self.top = float(target.frequency.max())
         self.given = self.adopt(model)
 
@@ -125,9 +159,12 @@ class ModelBuilder:
         """
         margin = margin or self.target.settings.meshes.margin
         off, last = self.target.imperfections.std("position_std") > 0, self._last.get(margin)
-        top = torch.tensor([self.top]).to(model.known)
-        basis = ritz_basis(model, members, top, 0, margin, off_marks=off, near=last)
-        self._last[margin] = basis
+        plan = model.plan(members[0]) if len(members) == 1 else None
+        if last is None or plan is None or not last.holds(model, plan, self.target.n_mode, off):
+            top, near = torch.tensor([self.top]).to(model.known), None if last is None else last.basis
+            last = OfPlate(ritz_basis(model, members, top, 0, margin, off_marks=off, near=near), model, plan, off)
+            self._last[margin] = last
+        basis = last.basis
         if by_element is None:
             return model.projected(basis)
         return on_mesh(model, Assembly(self.mesh, basis, by_element, model.assembly.correction))

@@ -4,7 +4,8 @@
 - `declared`: what its effects declare, sorted into known and searched.
 - `modes`: batched natural frequencies and mode shapes.
 - `modes_at`: both at places of the plate, differentiable.
-- `modal_receptance`: a plate in modal coordinates, and its receptances by modal sum, exact for local dashpots.
+- `modal_receptance`: a plate in modal coordinates, and its receptances by modal sum, exact for local dashpots;
+  `complex_modes`: where a part of it has a loss of its own.
 - `frf`: what a sensor chain makes of receptances, and the direct solve that referees them; `batched`: below both.
 - `modal_solution`: the solve of one batch by the modes of each member.
 - `rearranged`: FRFs that an effect only exchanges or turns.
@@ -39,7 +40,7 @@ from torchplate.model.modes_at import ModesAt, modes_at
 from torchplate.model.parameter_space import ParameterSpace
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.plate_variants import SINGLE_TOLERANCE
-from torchplate.model.reduced_basis import reduce, ritz_basis, sharing_modes
+from torchplate.model.reduced_basis import reduce, ritz_basis, shares_basis, sharing_modes
 from torchplate.model.usual_ranges import coarse, impossible, plate_mass, sizes, unusual
 
 __all__ = [
@@ -79,6 +80,7 @@ __all__ = [
     "reduce",
     "ritz_basis",
     "sensor_chain",
+    "shares_basis",
     "sharing_modes",
     "sizes",
     "solve_eigenvalues",

@@ -18,11 +18,15 @@ from torch import Tensor
 
 from torchplate.model.attach import attach, lines_last, pulls
 from torchplate.model.batched import joined, solve_each, stack_rows
+from torchplate.model.complex_modes import complex_modes
 from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum, pairs_of
 from torchplate.plate import Proportional, common_shape, is_vmapped
 
 # Impedances solved at once, so that they stay in the cache [bytes].
 IN_CACHE = 4 * 2**20
+# Attached places times what one side has of rows beyond the other, over the rows of the latter, up to which all pairs
+# of rows cost less than to carry these rows to the modes, which takes as long as so many products.
+CARRIED = 30
 # Lines of all members together whose uncoupled modes are summed at once: of few members, fewer steps cost less than
 # what leaves the cache.
 LINES_OF_ALL = 2400
@@ -154,22 +158,25 @@ def _is_diagonal(hysteretic: Tensor) -> bool:
 def _by_uncoupled_modes(system: ModalSystem, own_loss: Tensor, response: Tensor, reference: Tensor) -> Tensor:
     """Z(s) without what is attached at places is diagonal: d_r(s) + i h_r, h what each mode loses by itself.
 
-    Of the side with fewer rows, each is carried to the attached places and to the modes, then to the other side: pairs
-    of all rows with all attached places are never made.
+    All pairs of rows and attached places are summed over the modes, and the places attached. Where one side has many
+    more rows, each of the other is carried to the places and to the modes, then to the many: their pairs with the
+    places are never made.
     """
     fewer, more, swapped = response, reference, False
     if response.shape[-2] > reference.shape[-2]:
         fewer, more, swapped = reference, response, True
     attached, n_attached = system.dashpot, system.dashpot.shape[-2]
-    pairs = pairs_of(stack_rows(attached, fewer), attached)
+    n_more, n_fewer = more.shape[-2], fewer.shape[-2]
+    few_pairs = n_attached * (n_more - n_fewer) <= CARRIED * n_fewer
+    left, right = (stack_rows(attached, side) for side in (fewer, more))
+    pairs = pairs_of(left, right if few_pairs else attached)
     parts = []
     n_member = common_shape(system.eigenvalue.shape[:-1], own_loss.shape[:-1], pairs.shape[:-2]).numel()
     for part in system.split(max(LINES_AT_ONCE, LINES_OF_ALL // n_member)):
         real, turned = _inverse(part, own_loss)
-        if not n_attached:
-            both = pairs_of(fewer, more)
-            found = torch.complex(both @ real, both @ -turned)
-            parts.append(found.unflatten(-2, (fewer.shape[-2], more.shape[-2])))
+        if few_pairs:
+            found = torch.complex(pairs @ real, -(pairs @ turned))
+            parts.append(_with_dashpots(found, left, right, part.force).movedim((0, 1), (-3, -2)))
             continue
         felt = torch.complex(pairs @ real, -(pairs @ turned))
         batch = common_shape(felt.shape[:-2], more.shape[:-2], part.force.shape[:-2])
@@ -210,10 +217,10 @@ def _by_complex_modes(system: ModalSystem, hysteretic: Tensor, response: Tensor,
     beta = system.proportional.stiffness_loss_factor
     beta = beta[..., None] if isinstance(beta, Tensor) else beta
     stiffness = torch.diag_embed(system.eigenvalue * (1 + 1j * beta)) + 1j * hysteretic
-    value, shape = torch.linalg.eig(stiffness)
+    value, shape, inverse = complex_modes(stiffness)
     left, right = stack_rows(system.dashpot, response), stack_rows(system.dashpot, reference)
     rows = left.to(shape) @ shape
-    columns = torch.linalg.solve(shape, right.mT.to(shape)).mT
+    columns = right.to(shape) @ inverse.mT
     pairs = (rows[..., :, None, :] * columns[..., None, :, :]).flatten(-3, -2)
     mu = system.proportional.at(system.laplace)[1]
     found = pairs @ (1 / (value[..., :, None] + mu[..., None, :]))
@@ -222,6 +229,8 @@ def _by_complex_modes(system: ModalSystem, hysteretic: Tensor, response: Tensor,
 
 def _with_dashpots(found: Tensor, left: Tensor, right: Tensor, force: Tensor) -> Tensor:
     """Receptances of all pairs of rows, [*batch, pair, line], with the dashpots among the rows attached."""
+    batch = common_shape(found.shape[:-2], force.shape[:-2])
+    found = found.expand(*batch, *found.shape[-2:])
     found = found.unflatten(-2, (left.shape[-2], right.shape[-2])).movedim((-3, -2), (0, 1))
-    force = lines_last(force, found.ndim - 3)
+    force = lines_last(force, len(batch))
     return attach(found, force.expand(len(force), *found.shape[2:]))

@@ -24,6 +24,7 @@ from torchplate.model.fine_mesh import SparseModel
 from torchplate.model.modal_sum import CLOSE, EXACT
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.shared_modes import factors, find_shared_modes
+from torchplate.plate import Plan
 
 # Directions with less than this part of the largest column are rounding, or say nothing new. What a low mode has of a
 # stiff direction counts by its energy: between members far apart it counts below the first limit, down to the second.
@@ -44,6 +45,9 @@ N_END = 16
 UNSEEN = 2.0
 # Terms of the series of far modes, where as few as usual are not enough, and the part of the tolerance left to them.
 MORE_TERMS, SPARED = (16, 22, EXACT), 0.1
+# Plates that share a basis have natural frequencies that differ by this part at most: what modes beyond the last of a
+# basis leave goes with the fourth power of where that is.
+SHARED = 0.05
 # Two ways to the same numbers agree to this on a box with strong terms; less is not promised.
 ROUNDING = 1e-8
 
@@ -257,6 +261,36 @@ def ritz_basis(
         near: a basis of a similar plate, from which its modes are found sooner.
     """
     return _ritz_columns(model, theta, frequency, n_mode, margin, off_marks, near).independent(independent)
+
+
+def shares_basis(model: PlateModel, one: Plan, other: Plan, n_mode: int) -> bool:
+    """Whether a basis of one plate holds another one too.
+
+    That is so where they differ by factors of the whole plate, which leave its modes as they are, and in how strong
+    springs, masses and dashpots at the same places are: what these do is made of the residuals of their places, which
+    are in the basis.
+
+    Args:
+        model: of which both are members, in all dofs.
+        one: of which the basis is made.
+        other: the other.
+        n_mode: modes in the band. What acts at more places than that has no residual of each place in the basis.
+    """
+    pairs = list(zip(one.terms, other.terms, strict=False))
+    if model.kind == "transmissibility" or len(one.terms) != len(other.terms):
+        return False
+    if any(a.sprung is not None or b.sprung is not None or a.vector.shape[-2] > n_mode for a, b in pairs):
+        return False
+    if not all(torch.equal(a.vector, b.vector) for a, b in pairs) or len(one.added) != len(other.added):
+        return False
+    if not all(torch.equal(a.coupling, b.coupling) for a, b in zip(one.added, other.added, strict=True)):
+        return False
+    if one.section.rigidity.shape != other.section.rigidity.shape or one.section.loss_factor is not None:
+        # One differs from place to place.
+        return False
+    if (found := factors(model.assembly, one, other)) is None:
+        return False
+    return bool(((found[0] / found[1]).sqrt() - 1).abs() <= SHARED)
 
 
 class _Columns(NamedTuple):

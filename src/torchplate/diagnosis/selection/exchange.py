@@ -145,7 +145,9 @@ class Exchange:
             kept = [state.model.names.index(name) for name in model.names]
             # What an interval was widened for may lie outside of it.
             start = model.space.to_cube(state.fit.theta[kept])[None].clamp(0.0, 1.0)
-            found: Fit = fit(builder, model, start, self.prior, wide=False, about=known_section(state.fit))
+            # What leaves so much without it needs it, wherever it ends.
+            limit, about = builder.target.settings.searching.hopeless * state.fit.square, known_section(state.fit)
+            found: Fit = fit(builder, model, start, self.prior, wide=False, hopeless=limit, about=about)
             back = replace(naming.hypothesis, fit=state.fit)
             if not is_needed(found, back, naming.by_chance):
                 self.say(f"{naming.hypothesis.name} is no longer needed")

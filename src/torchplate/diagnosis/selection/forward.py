@@ -58,6 +58,8 @@ class ForwardSelection:
         self.ranking = Ranking(builder, prior, channels_of(builder.given), say, self._beside_a_finer_mesh)
         self.exchange = Exchange(builder, self.ranking, prior, say)
         self.settling = Settling(builder, prior, self.ranking, self.exchange, say)
+        # A baseline, and where it ended on the given mesh: asked for before effects are looked for, and in the end.
+        self._on_given_mesh: tuple[Fit, Fit] | None = None
 
     def against(self, target: FrfTarget) -> "ForwardSelection":
         """The same beside other evidence."""
@@ -97,6 +99,7 @@ class ForwardSelection:
             return None
         builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
         found = self.settling.as_given_from(builder, builder.given, baseline.fit, wide=True)
+        self._on_given_mesh = baseline.fit, found
         self.builder.count(builder.n_evaluation)
         if not is_explained(found, builder.target):
             return None
@@ -182,7 +185,9 @@ class ForwardSelection:
         builder = ModelBuilder(self.builder.plain, self.builder.target, as_given=True)
         begun, unrefined = self.begun, None
 
-        given = self.settling.as_given_from(builder, builder.given, begun.fit, wide=True)
+        before, given = self._on_given_mesh or (None, None)
+        if given is None or before is not begun.fit:
+            given = self.settling.as_given_from(builder, builder.given, begun.fit, wide=True)
         if final.named and not builder.held:
             unrefined = self.settling.as_given_from(builder, builder.adopt(final.model), final.fit, wide=False)
         self.builder.count(builder.n_evaluation)

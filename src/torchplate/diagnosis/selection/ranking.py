@@ -79,7 +79,7 @@ class Ranking:
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         hypotheses: list[Hypothesis] = []
-        by_chance = 0.0
+        by_chance, much = 0.0, False
         screening, selecting = self.settings.screening, self.settings.selecting
         is_near = state.fit.left < screening.overlapping
         # Beside an error of the model that was inflated until it explains what is left, every model is nearly right.
@@ -87,6 +87,7 @@ class Ranking:
         if is_near or nearly_right:
             promises, by_chance = self._nearby(state, base, everyone)
             # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
+            much = bool(promises) and promises[0].drop > 1 - selecting.explains_much
             best = promises[0].drop * state.fit.square if promises else 0.0
             no_more = is_noise(state.fit) and best <= by_chance
             if is_noise(state.fit) and not no_more and not state.named and (scored := self.finer(state)) is not None:
@@ -101,16 +102,19 @@ class Ranking:
                 placed = [one for one in near if one.candidate.has_place]
                 begun = [(one, spread_out(builder, self.prior, state, base, one)) for one in placed]
                 chosen = [one for one in chosen if not one[0].candidate.has_place]
+                if (nearly_right or much) and known_section(state.fit) is not None:
+                    # Where all of them begin beside one specimen, the nearest goes first, whatever it is.
+                    begun, chosen = begun + chosen, []
                 hypotheses = self._refitted(state, begun, about=state.fit.about)
         if not nearly_right:
-            if promises and promises[0].drop > 1 - selecting.explains_much:
+            if much:
                 hypotheses, chosen = hypotheses + self._refitted(state, chosen, hypotheses), []
             if not kept(promises, hypotheses, state, screening, selecting.doubtful):
                 widely_scored, further = self._widely(state, base, everyone)
                 chosen += further
                 promises = promises or widely_scored
         hypotheses += self._refitted(state, chosen, hypotheses)
-        hypotheses = best_of_each(hypotheses + self._again(state))
+        hypotheses = best_of_each(hypotheses + self._again(state, hypotheses))
         # Beside noise, effects that are not needed are a check and no more.
         if is_noise(state.fit) and not any(is_needed(state.fit, one, by_chance) for one in hypotheses):
             return Ranked(tuple(promises), tuple(hypotheses), by_chance, frozenset(self._far))
@@ -279,22 +283,25 @@ class Ranking:
     ) -> Sequence[tuple[Scored, Tensor, Begun | None]]:
         """Candidates in the order in which they are refitted: those that others contain first, then the nearest.
 
-        Where the specimen is to be found with the parameters, their starts are taken to the end of the wide levels
-        first, and only those go on that stay near the best.
+        How near they are is seen where their starts lead first: beside a specimen that is known, at the sharp level;
+        where it is to be found with the parameters, at the end of the wide levels, and only those go on that stay near
+        the best.
         """
         every = [(one, torch.cat(several)) for one, several in ways]
         every.sort(key=lambda pair: len(pair[0].candidate.effect.contains))
         settings, target = self.settings, self.builder.target
-        if len(every) < 2 or target.wandering == UNIFORM or (about or known_section(state.fit)) is not None:
+        about = about or known_section(state.fit)
+        if len(every) < 2 or target.wandering == UNIFORM:
             return [(one, starts, None) for one, starts in every]
         found: list[tuple[Scored, Tensor, Begun]] = []
         for one, starts in every:
             whole = with_candidate(state.model, one.label, one.candidate)
-            found.append((one, starts, begin(self.builder, whole, starts, self.prior)))
-        least = sorted(begun.value for _, _, begun in found)
-        most = max(settings.screening.near * least[0], least[settings.selecting.n_best - 1])
-        self._far |= {one.candidate.name for one, _, begun in found if begun.value > most}
-        found = [one for one in found if one[2].value <= most]
+            found.append((one, starts, begin(self.builder, whole, starts, self.prior, about)))
+        if about is None:
+            least = sorted(begun.value for _, _, begun in found)
+            most = max(settings.screening.near * least[0], least[settings.selecting.n_best - 1])
+            self._far |= {one.candidate.name for one, _, begun in found if begun.value > most}
+            found = [one for one in found if one[2].value <= most]
         return sorted(found, key=lambda one: (len(one[0].candidate.effect.contains), one[2].value))
 
     def _line_step(self, state: State) -> int:
@@ -313,8 +320,13 @@ class Ranking:
         n_told = int((state.fit.told > 0).sum())
         return Draws(2 * target.measured.numel(), n_told)
 
-    def _again(self, state: State) -> list[Hypothesis]:
-        """What came near in the ranking before, beside what was named there, from where it ended."""
+    def _again(self, state: State, before: Sequence[Hypothesis] = ()) -> list[Hypothesis]:
+        """What came near in the ranking before, beside what was named there, from where it ended.
+
+        Args:
+            state: with what was named there.
+            before: what was refitted beside it, beside the best of which the hopeless do not go to their end.
+        """
         if state.ranked is None or state.previous is None or is_noise(state.fit):
             return []
         named = {one.hypothesis.name for one in state.named}
@@ -323,12 +335,14 @@ class Ranking:
             for one in sorted(state.ranked.hypotheses, key=lambda one: one.cost)
             if one.name not in named and one.fit.left < self.settings.selecting.shows * state.previous.fit.left
         ]
+        least = min((one.fit.square for one in before), default=math.inf)
+        limit, beat = self.settings.searching.hopeless * least, self._beat(state, before)
         found = []
         for one in near[: self.settings.selecting.n_again]:
             label = new_label(state.model, one.name)
             whole = with_candidate(state.model, label, one.candidate)
             start = start_of(whole, state.fit.theta, state.model, one.own, label)
-            found.append(self.refits.refit(state, one.candidate, label, start[None]))
+            found.append(self.refits.refit(state, one.candidate, label, start[None], limit, beat=beat))
         return found
 
     def _run_off(self, state: State, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -96,7 +96,9 @@ class Settling:
             coarse: the state on the mesh where effects are looked for.
             fine: where the last models are settled.
         """
-        scored = self.ranking.scored(fine, self.left_by_mesh(coarse, fine, self.on_a_finer_mesh(fine)))
+        # Of the finer mesh its elements alone are asked for here.
+        finer = self.builder.as_fine_as(self.builder.target.settings.meshes.settling)
+        scored = self.ranking.scored(fine, self.left_by_mesh(coarse, fine, finer))
         more = bool(scored.promises) and scored.promises[0].drop * scored.square > scored.by_chance
         return None if more else scored
 
