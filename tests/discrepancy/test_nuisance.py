@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from torchplate.discrepancy.modal_change import _multiples
-from torchplate.discrepancy.nuisance import Nuisances, nuisances
+from torchplate.discrepancy.nuisance import Nuisances, matrix_columns, nuisances
 from torchplate.discrepancy.wandering import UNIFORM, Wandering
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT, Imperfections
@@ -114,6 +114,19 @@ def test_a_grain_turns_the_damping_that_each_mode_has_of_its_own():
         at = torch.tensor([[1 + step], [1 - step]], dtype=torch.float64)
         above, below = damped(name).frf(at, LINES)
         assert off(columns[..., index], 0.01 * (above - below) / (2 * step)) < DIFFERENCED
+
+
+def test_a_loss_that_is_spread_is_multiplied_by_what_each_mode_has_of_its_own():
+    factor = (0.3 * torch.randn(20, generator=torch.Generator().manual_seed(4), dtype=torch.float64)).exp()
+    name, step = "loss.stiffness_loss_factor", 1e-6
+    system = plate().assembly.system(*plate().plan(NOBODY))
+    stiffness = system.stiffness[None]
+    column = matrix_columns(
+        plate().with_damping_factors(factor), NOBODY, LINES, stiffness, torch.zeros_like(stiffness), lossy=True
+    )[0]
+    at = torch.tensor([[KNOWN[name] + step], [KNOWN[name] - step]], dtype=torch.float64)
+    above, below = plate(name).with_damping_factors(factor).frf(at, LINES)
+    assert off(column, (above - below) / (2 * step)) < DIFFERENCED
 
 
 def test_what_modes_beyond_twice_the_band_scatter_is_less_than_the_noise_shows():

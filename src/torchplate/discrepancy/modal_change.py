@@ -69,11 +69,13 @@ class Excess(NamedTuple):
     """Damping by which modes are off their law, and how it goes with them.
 
     Attributes:
-        damping: of each mode, at its own frequency [rad²/s²].
+        part: of each mode, over what its law makes of it [-].
+        damping: at its own frequency [rad²/s²].
         slope: by how much it grows with λ, the mode as it is [-].
         coupled: by how much that of a mode, in a row, grows as it takes in another one [rad²/s²].
     """
 
+    part: Float[Tensor, " n_mode"]
     damping: Float[Tensor, " n_mode"]
     slope: Float[Tensor, " n_mode"]
     coupled: Float[Tensor, "n_mode n_mode"]
@@ -94,7 +96,7 @@ class Excess(NamedTuple):
         pulled = force(1j * value.clamp(min=0.0).sqrt()).imag * z.dashpot
         coupled = pulled.mT @ z.dashpot if z.hysteretic is None else pulled.mT @ z.dashpot + z.hysteretic
         slope = off * (higher - own) / (STEP * value.abs().clamp(min=1.0))
-        return cls(off * own, slope, 2 * off[:, None] * coupled)
+        return cls(off, off * own, slope, 2 * off[:, None] * coupled)
 
     def turned(
         self,
@@ -263,15 +265,27 @@ def through_each(
     stiffness: Float[Tensor, "n_term n_mode n_mode"],
     mass: Float[Tensor, "n_term n_mode n_mode"],
     s: Tensor,
+    lossy: bool = False,
 ) -> Complex[Tensor, "n_term n_frequency n_response n_reference"]:
-    """What several changes of stiffness and mass, in coordinates of all modes, do to the receptances, each alone."""
+    """What several changes of stiffness and mass, in coordinates of all modes, do to the receptances, each alone.
+
+    Args:
+        modal: the model.
+        stiffness: of each change [rad²/s²].
+        mass: likewise [-].
+        s: the lines [1/s].
+        lossy: the stiffness is one of loss, i times it, whatever the loss factor of the whole.
+    """
     if not len(stiffness):
         return modal.bare.new_zeros(0, len(s), len(modal.left), len(modal.right))
     from_fewer, more, swapped = _by_size(modal.from_left, modal.from_right)
     fewer, n_more = from_fewer.at(torch.arange(len(modal.eigenvalue))), len(more.rows)
-    parts, pairs = [], [(stiffness, modal.kappa[:, 0]), (mass, s.square())]
-    if modal.excess is not None:
-        pairs.append((modal.excess.turned(modal.eigenvalue, stiffness, mass), 1j * torch.ones_like(s)))
+    imaginary, excess = 1j * torch.ones_like(s), modal.excess
+    parts, pairs = [], [(stiffness, imaginary if lossy else modal.kappa[:, 0]), (mass, s.square())]
+    if excess is not None and lossy:
+        pairs.append((torch.diag_embed(excess.part * stiffness.diagonal(dim1=-2, dim2=-1)), imaginary))
+    elif excess is not None:
+        pairs.append((excess.turned(modal.eigenvalue, stiffness, mass), imaginary))
     for matrices, factor in pairs:
         some, which, multiple = _multiples(matrices)
         whole = fewer.new_zeros(len(matrices), len(s), fewer.shape[1], n_more)

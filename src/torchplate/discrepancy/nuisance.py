@@ -307,10 +307,8 @@ def matrix_columns(
     """
     _, _, modal, to_reading = _apart(model, theta, frequency, decay)
     shape = modal.shape
-    changes = through_each(modal, shape.mT @ stiffness @ shape, shape.mT @ mass @ shape, to_reading.chain.laplace)
-    if lossy:
-        changes = changes * (1j / modal.kappa[:, 0])[:, None, None]
-    return to_reading(changes)
+    laplace = to_reading.chain.laplace
+    return to_reading(through_each(modal, shape.mT @ stiffness @ shape, shape.mT @ mass @ shape, laplace, lossy))
 
 
 def modes_damped(model: PlateModel, theta: Float[Tensor, " n_parameter"], frequency: Tensor) -> int:
