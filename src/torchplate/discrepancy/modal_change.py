@@ -19,7 +19,7 @@ from torchplate.model import (
     reciprocal,
     solve_modes,
 )
-from torchplate.plate import Plan
+from torchplate.plate import Correction, Plan
 
 # Up to this multiple of the band's end a mode that moves is seen to move: higher ones answer as a spring does.
 REACH = 1.6
@@ -27,40 +27,86 @@ REACH = 1.6
 STEP = 1e-6
 
 
+class Bare(NamedTuple):
+    """Z⁻¹ at every line without what is attached at places, W diag(1/z) W⁻¹; W = I where no losses couple modes.
+
+    Attributes:
+        each: 1 / z.
+        shape: W, of complex modes in those of the plate without losses; None where each damps itself alone.
+        inverse: W⁻¹.
+    """
+
+    each: Complex[Tensor, "n_frequency n_mode"]
+    shape: Complex[Tensor, "n_mode n_mode"] | None = None
+    inverse: Complex[Tensor, "n_mode n_mode"] | None = None
+
+    @classmethod
+    def of(cls, z: Tensor, hysteretic: Float[Tensor, "n_mode n_mode"] | None) -> "Bare":
+        """Of denominators; where lines do not share their complex modes, about those of the one amid them.
+
+        Args:
+            z: of each mode at every line [rad²/s²].
+            hysteretic: ΦᵀHΦ, its diagonal in z; None where the elements lose nothing by themselves.
+        """
+        if hysteretic is None:
+            return cls(reciprocal(z))
+        amid = z[len(z) // 2]
+        between = 1j * (hysteretic - torch.diag_embed(hysteretic.diagonal()))
+        value, shape = torch.linalg.eig(torch.diag_embed(amid) + between)
+        inverse = torch.linalg.inv(shape)
+        # Lines share them where all denominators change alike.
+        return cls(reciprocal(value + (z - amid) @ (inverse.mT * shape)), shape, inverse)
+
+    def over(self, left: Tensor, right: Tensor) -> Complex[Tensor, "n_frequency n_left n_right"]:
+        """Σ_mn l_m Z⁻¹_mn r_n at every line, for all pairs of rows."""
+        if self.shape is None or self.inverse is None:
+            return _over(self.each, left, right)
+        from_left, from_right = left.to(self.shape) @ self.shape, self.inverse @ right.mT.to(self.shape)
+        return (from_left * self.each[:, None]) @ from_right
+
+    def times(self, rows: Tensor) -> Complex[Tensor, "n_frequency n_row n_mode"]:
+        """Rows times Z⁻¹; the same at every line, or others."""
+        if self.shape is None or self.inverse is None:
+            return rows * self.each[:, None]
+        return ((rows.to(self.shape) @ self.shape) * self.each[:, None]) @ self.inverse
+
+
 class Responses(NamedTuple):
-    """Rows times Z⁻¹ at every line, as it is made of (Woodbury): (rows − carried · attached) / bare.
+    """Rows times Z⁻¹ at every line, as it is made of (Woodbury): rows − carried · attached, times the bare plate's.
 
     It is not laid out: lines, rows and modes together are more than all that is asked of it.
 
     Attributes:
         rows: deflections at some places.
-        each: 1 / z without what is attached at places.
+        bare: Z⁻¹ without what is attached at places.
         carried: what each of these moves beside them; None where nothing is attached.
         attached: deflections there.
     """
 
     rows: Float[Tensor, "n_row n_mode"]
-    each: Complex[Tensor, "n_frequency n_mode"]
+    bare: Bare
     carried: Complex[Tensor, "n_frequency n_row n_attached"] | None
     attached: Float[Tensor, "n_attached n_mode"]
 
     def at(self, modes: Int[Tensor, " n_some"]) -> Complex[Tensor, "n_frequency n_row n_some"]:
         """Of some modes alone."""
-        found = self.rows[:, modes] * self.each[:, None, modes]
-        if self.carried is None:
-            return found
-        return found - times_real(self.carried, self.attached[:, modes]) * self.each[:, None, modes]
+        if self.bare.shape is not None:
+            rows = self.rows if self.carried is None else self.rows - times_real(self.carried, self.attached)
+            return self.bare.times(rows)[..., modes]
+        each = self.bare.each[:, None, modes]
+        found = self.rows[:, modes] * each
+        return found if self.carried is None else found - times_real(self.carried, self.attached[:, modes]) * each
 
     def to(self, places: Float[Tensor, "n_place n_mode"]) -> Complex[Tensor, "n_frequency n_row n_place"]:
         """Receptances to other places."""
-        found = _over(self.each, self.rows, places)
-        return found if self.carried is None else found - self.carried @ _over(self.each, self.attached, places)
+        found = self.bare.over(self.rows, places)
+        return found if self.carried is None else found - self.carried @ self.bare.over(self.attached, places)
 
     def after(
         self, moved: Complex[Tensor, "n_frequency n_moved n_mode"]
     ) -> Complex[Tensor, "n_frequency n_moved n_row"]:
         """Of forces on the modes."""
-        moved = moved * self.each[:, None]
+        moved = self.bare.times(moved)
         found = times_real(moved, self.rows.mT)
         return found if self.carried is None else found - times_real(moved, self.attached.mT) @ self.carried.mT
 
@@ -129,6 +175,7 @@ class Modal(NamedTuple):
         eigenvalue: λ [rad²/s²].
         shape: Φ, over the rows of the model's matrices.
         kappa: what λ is times in the denominator.
+        lossy: part of a change of the elements' stiffness that adds to what they lose by themselves [-].
         damping: the part of the denominator that damps [rad²/s²].
         denominator: z.
         inverse: 1 / z.
@@ -147,6 +194,7 @@ class Modal(NamedTuple):
     eigenvalue: Float[Tensor, " n_mode"]
     shape: Float[Tensor, "n n_mode"]
     kappa: Complex[Tensor, "n_frequency n_mode"]
+    lossy: Float[Tensor, ""]
     damping: Complex[Tensor, "n_frequency n_mode"]
     denominator: Complex[Tensor, "n_frequency n_mode"]
     inverse: Complex[Tensor, "n_frequency n_mode"]
@@ -168,9 +216,9 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
     eigenvalue, shape = solve_modes(system.stiffness, system.mass)
     real, imaginary = modal_denominator(eigenvalue, system.proportional, laplace)
     bare = torch.complex(real, imaginary)
-    if system.hysteretic is not None:
-        bare = bare + 1j * (shape * (system.hysteretic @ shape)).sum(0)
     impedance = modal_impedance(system, Modes(eigenvalue, shape), laplace)
+    if impedance.hysteretic is not None:
+        bare = bare + 1j * impedance.hysteretic.diagonal()
     own, excess = own_damping(impedance, system.force), None
     if model.damping_factor is not None:
         excess = Excess.of(impedance, own, model.damping_factor, system.force)
@@ -183,13 +231,21 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
     right = model.excitation(plan, reference) @ shape
     n_low = int((eigenvalue < (REACH * float(laplace.imag.max())) ** 2).sum())
     kappa = kappa[:, None].expand_as(denominator)
+    section, geometry = plan.section, plan.geometry
+    lossy = eigenvalue.new_zeros(())
+    if section.loss_factor is not None:
+        # As an assembly has it of an uneven plate.
+        whole = Correction.measure(section.rigidity, geometry)
+        lossy = Correction.measure(section.lossy_rigidity, geometry) / whole
     damping = denominator - plain
     inverse = reciprocal(denominator)
-    from_left, from_right = (_responses(bare, attached, force, rows) for rows in (left, right))
+    of_bare = Bare.of(bare, impedance.hysteretic)
+    from_left, from_right = (_responses(of_bare, attached, force, rows) for rows in (left, right))
     return Modal(
         eigenvalue,
         shape,
         kappa,
+        lossy,
         damping,
         denominator,
         inverse,
@@ -207,21 +263,20 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
 
 
 def _responses(
-    bare: Complex[Tensor, "n_frequency n_mode"],
+    bare: Bare,
     attached: Float[Tensor, "n_attached n_mode"],
     force: Complex[Tensor, "n_attached n_frequency"],
     rows: Float[Tensor, "n_row n_mode"],
 ) -> Responses:
     """Rows times Z⁻¹ at every line; what is attached at places couples the modes."""
-    each = reciprocal(bare)
     if not len(attached):
-        return Responses(rows, each, None, attached)
+        return Responses(rows, bare, None, attached)
     force = force.mT
-    between, pulled = (_over(each, one, attached) for one in (attached, rows))
+    between, pulled = (bare.over(one, attached) for one in (attached, rows))
     coupled = torch.eye(len(attached)).to(between) + force[..., None] * between
     # Few rows: each is carried to the attached places, and not all modes there.
     carried = torch.linalg.solve(coupled, pulled, left=False) * force[:, None]
-    return Responses(rows, each, carried, attached)
+    return Responses(rows, bare, carried, attached)
 
 
 def _over(each: Tensor, left: Tensor, right: Tensor) -> Complex[Tensor, "n_frequency n_left n_right"]:
@@ -281,11 +336,12 @@ def through_each(
     from_fewer, more, swapped = _by_size(modal.from_left, modal.from_right)
     fewer, n_more = from_fewer.at(torch.arange(len(modal.eigenvalue))), len(more.rows)
     imaginary, excess = 1j * torch.ones_like(s), modal.excess
-    parts, pairs = [], [(stiffness, imaginary if lossy else modal.kappa[:, 0]), (mass, s.square())]
-    if excess is not None and lossy:
-        pairs.append((torch.diag_embed(excess.part * stiffness.diagonal(dim1=-2, dim2=-1)), imaginary))
-    elif excess is not None:
-        pairs.append((excess.turned(modal.eigenvalue, stiffness, mass), imaginary))
+    lost = 1.0 if lossy else modal.lossy
+    parts, pairs = [], [(stiffness, imaginary if lossy else modal.kappa[:, 0] + 1j * modal.lossy), (mass, s.square())]
+    if excess is not None:
+        own = torch.diag_embed(excess.part * lost * stiffness.diagonal(dim1=-2, dim2=-1))
+        turned = own if lossy else own + excess.turned(modal.eigenvalue, stiffness, mass)
+        pairs.append((turned, imaginary))
     for matrices, factor in pairs:
         some, which, multiple = _multiples(matrices)
         whole = fewer.new_zeros(len(matrices), len(s), fewer.shape[1], n_more)
