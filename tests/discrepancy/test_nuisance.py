@@ -119,7 +119,7 @@ def test_a_grain_turns_the_damping_that_each_mode_has_of_its_own():
 
 @pytest.mark.parametrize("viscous", [0.0, 1e-6])
 def test_a_lossy_patch_couples_the_modes_that_a_grain_changes(viscous):
-    """Modes beside one another give each other what the patch loses: without that columns are a tenth wrong."""
+    """Modes beside one another give each other what the patch loses: without that columns are a quarter wrong."""
     told, step = Imperfections(0.0, 0.0, 0.0, 0.0), 1e-4
     effects = plate().effects | {"patch": CATALOGUE["damping_patch"](), "viscous": CATALOGUE["viscous_damping"]()}
     patch = {"patch.x": 0.3, "patch.y": 0.4, "patch.size": 0.3, "patch.loss_factor": 0.3, "patch.aspect": 1.0}
