@@ -23,6 +23,8 @@ from torchplate.plate import Correction, Plan
 
 # Up to this multiple of the band's end a mode that moves is seen to move: higher ones answer as a spring does.
 REACH = 1.6
+# Numbers of lines, rows, terms and modes that are laid out together: 64 MiB of them.
+AT_ONCE = 2**22
 # Part of λ from which the slope of a damping is taken.
 STEP = 1e-6
 
@@ -346,15 +348,21 @@ def through_each(
         some, which, multiple = _multiples(matrices)
         whole = fewer.new_zeros(len(matrices), len(s), fewer.shape[1], n_more)
         if len(some):
-            # One real product for all lines and terms.
-            beside = matrices[some].movedim(0, 1).flatten(1)
-            felt = times_real(fewer.flatten(0, 1), beside).unflatten(-1, (-1, fewer.shape[-1]))
-            felt = more.after(felt.unflatten(0, fewer.shape[:2]).flatten(1, 2))
-            felt = felt.unflatten(1, (fewer.shape[1], -1)).movedim(2, 0)
+            # One real product for all lines and as many terms as may be laid out together.
+            n_term = max(1, AT_ONCE // fewer.numel())
+            felt = torch.cat([_felt(fewer, more, matrices[part]) for part in some.split(n_term)])
             whole = (factor[:, None, None] * felt)[which].mul_(multiple[:, None, None, None])
         parts.append(whole)
     change = functools.reduce(torch.Tensor.add_, parts).neg_()
     return change.mT if swapped else change
+
+
+def _felt(fewer: Tensor, more: Responses, matrices: Tensor) -> Complex[Tensor, "n_term n_frequency n_row n_more"]:
+    """What some matrices bring from rows times Z⁻¹ to others."""
+    beside = matrices.movedim(0, 1).flatten(1)
+    felt = times_real(fewer.flatten(0, 1), beside).unflatten(-1, (-1, fewer.shape[-1]))
+    felt = more.after(felt.unflatten(0, fewer.shape[:2]).flatten(1, 2))
+    return felt.unflatten(1, (fewer.shape[1], -1)).movedim(2, 0)
 
 
 def _by_size(left: Responses, right: Responses) -> tuple[Responses, Responses, bool]:
