@@ -91,6 +91,10 @@ class Hypotheses:
         if self.builder.as_given or not any(change.is_of_the_section(self.model) for change in changes):
             return self
         _, frozen, theta = self._models(changes, [values])
+        # Where that of both tests was taken off: what has not changed is to leave it as it was.
+        there = self.reference.fit.model.as_dict(self.reference.fit.theta)
+        told = {name: there[name] for name in self.reference.names if name in frozen.known_values}
+        frozen = frozen.replaced(known=frozen.known_values | told)
         return replace(self, anew=self.builder.corrected(frozen, theta[0], anew=True).model.assembly)
 
     def hypothesis(
