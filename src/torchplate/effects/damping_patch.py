@@ -6,16 +6,16 @@ import torch
 
 from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative, patch_aspect, unit_interval
-from torchplate.plate import Mesh, Section, laminate
+from torchplate.plate import Mesh, Section, patched
 
 
 @dataclass(frozen=True)
 class DampingPatch(Effect):
-    """Bending stiffness times 1 + iη under a rectangular patch; elements that its edges cut are laminates of both.
+    """Bending stiffness times 1 + iη under a rectangular patch; what its edges cut of elements is integrated.
 
     The patch is a square of side size · √(Lx Ly) in metres, or a rectangle, as in `stiffness_loss`. What the edges cut
-    is a little stiffer, too: across the cut the compliances 1 / (1 + iη) and 1 add. A mode's loss factor grows by η
-    times the part of its strain energy that lies in the patch.
+    is a little stiffer, too: across the cut the compliances 1 / (1 + iη) and 1 add; see `patched`. A mode's loss factor
+    grows by η times the part of its strain energy that lies in the patch.
     """
 
     parameters = {
@@ -38,11 +38,5 @@ class DampingPatch(Effect):
 
     def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
         """The loss factors of each element, on top of what it has."""
-        along_x, along_y = mesh.coverage(value["x"], value["y"], value["size"], value["aspect"])
-        lossy = torch.complex(torch.ones_like(value["loss_factor"]), value["loss_factor"])[..., None]
-        left = laminate(lossy, along_x, along_y, section.poisson_ratio)
-        extra = left.imag / left.real
-        return section._replace(
-            stiffness_factor=section.stiffness_factor * left.real,
-            loss_factor=extra if section.loss_factor is None else section.loss_factor + extra,
-        )
+        lossy = torch.complex(torch.ones_like(value["loss_factor"]), value["loss_factor"])
+        return patched(section, mesh, lossy, value["x"], value["y"], value["size"], value["aspect"])

@@ -4,18 +4,17 @@ from dataclasses import dataclass
 
 from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, patch_aspect, positive, unit_interval
-from torchplate.plate import Mesh, Section, laminate
+from torchplate.plate import Mesh, Section, patched
 
 
 @dataclass(frozen=True)
 class StiffnessLoss(Effect):
-    """D times a factor under a rectangular patch; elements that its edges cut are laminates of both.
+    """D times a factor under a rectangular patch; what its edges cut of elements is integrated: see `patched`.
 
     The patch is a square of side size · √(Lx Ly) in metres, on a rectangle too, its sides along those of the plate,
-    unless an aspect other than 1 makes it longer along one of them; what reaches over an edge is cut off. In a cut
-    element compliances add across the cut and stiffnesses along it: a mean of the stiffnesses would be stiffer than
-    both, one after the other. The parts of its sides that an element has under the patch are piecewise linear in x, y
-    and both sides of the patch, so all of them have a gradient.
+    unless an aspect other than 1 makes it longer along one of them; what reaches over an edge is cut off. Across a cut
+    moments are the same and compliances add, along it curvatures are and stiffnesses do. All that depends on the
+    patch's place and sides has a gradient.
     """
 
     parameters = {
@@ -34,6 +33,4 @@ class StiffnessLoss(Effect):
 
     def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
         """What is left of the rigidity of each element."""
-        along_x, along_y = mesh.coverage(value["x"], value["y"], value["size"], value["aspect"])
-        left = laminate(value["factor"][..., None], along_x, along_y, section.poisson_ratio)
-        return section._replace(stiffness_factor=section.stiffness_factor * left)
+        return patched(section, mesh, value["factor"], value["x"], value["y"], value["size"], value["aspect"])

@@ -271,8 +271,10 @@ def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple
     found = factors(assembly, nominal, members)
     if found is None:
         return None
-    stiffness = assembly.stiffness(nominal.section.rigidity, nominal.geometry)
-    mass = assembly.mass(nominal.section.areal_mass, nominal.geometry)
+    section, geometry = nominal.section, nominal.geometry
+    uneven = assembly.uneven_coefficient(section, section.uneven, geometry)
+    stiffness = assembly.stiffness(section.rigidity, geometry, uneven)
+    mass = assembly.mass(section.areal_mass, geometry)
     for added in nominal.added:
         mass = mass + added.coefficient * assembly.added_mass(added)
     spring, lump = [], []

@@ -7,7 +7,7 @@
   (Local), damping in proportion to the whole model (Proportional), and all of these for one batch (Plan).
 - `correction`: what an assembly has beside its mesh (Correction, Unevenness).
 - `added_mass`: of a fluid around the plate, which couples the motion of all its parts (AddedMass).
-- `laminate`: elements that the edges of a patch cut.
+- `laminate`: elements that the edges of a patch cut, each as a whole; `patch`: how the bending goes over them.
 - `assemble`: Section and Local to mass, stiffness and damping, in every dof or in a reduced basis.
 - `material`: what plates are usually made of; `wavelength`: bending waves, and the elements they need.
 - `power_law`: a loss factor that goes with a power of the frequency, and its modulus.
@@ -20,6 +20,7 @@ from torchplate.plate.correction import Correction, Unevenness
 from torchplate.plate.laminate import laminate
 from torchplate.plate.material import MATERIALS, Material, find_material
 from torchplate.plate.mesh import EDGES, Mesh
+from torchplate.plate.patch import patched, uneven_bending
 from torchplate.plate.power_law import LOWEST_FREQUENCY, REFERENCE_FREQUENCY
 from torchplate.plate.prolongation import prolongation
 from torchplate.plate.section import (
@@ -78,7 +79,9 @@ __all__ = [
     "is_vmapped",
     "laminate",
     "lattice",
+    "patched",
     "prolongation",
     "thickness_of",
     "transformed",
+    "uneven_bending",
 ]

@@ -22,6 +22,8 @@ from torchplate.plate.transforms import REMEMBERED, stays, transformed
 
 # Fixed matrices, of a uniform plate and of projected elements, are kept up to these sizes; beyond they are made anew.
 UNIFORM_BYTES, ELEMENT_BYTES = 256 * 2**20, 512 * 2**20
+# Of the six entries of a rigidity, D₁₁, D₂₂, D₁₂ and D₃₃: the others are zero where the grain is not turned.
+STRAIGHT = [0, 1, 3, 2]
 
 
 class Assembly(nn.Module):
@@ -40,6 +42,7 @@ class Assembly(nn.Module):
     position: Tensor
     pattern: Tensor
     mass_pattern: Tensor
+    uneven_pattern: Tensor
     uniform: Tensor | None
     elements: Tensor | None
     element_masses: Tensor | None
@@ -75,6 +78,8 @@ class Assembly(nn.Module):
         self.register_buffer("index", (row[:, :, None] * (len(free) + 1) + row[:, None, :]).flatten(), persistent=False)
         self.register_buffer("pattern", pattern, persistent=False)
         self.register_buffer("mass_pattern", mass_pattern, persistent=False)
+        uneven = element.uneven_patterns(1 / mesh.cells[0], 1 / mesh.cells[1])
+        self.register_buffer("uneven_pattern", uneven, persistent=False)
         self.register_buffer("basis", basis, persistent=False)
         self.register_buffer("uniform", None, persistent=False)
         self.register_buffer("elements", None, persistent=False)
@@ -158,20 +163,26 @@ class Assembly(nn.Module):
         return (areal_mass * (geometry.length_x * geometry.length_y)[..., None])[..., None]
 
     def stiffness(
-        self, rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
+        self,
+        rigidity: Float[Tensor, "*#batch n_element 3 3"],
+        geometry: Geometry,
+        uneven: Float[Tensor, "*#batch n_element n_pattern"] | None = None,
     ) -> Float[Tensor, "*batch n n"]:
-        """Stiffness matrix K [N/m] from the rigidity of the elements [N m]."""
-        stiffness = self._bending(rigidity, geometry)
+        """Stiffness matrix K [N/m] from the rigidity of the elements [N m], and how it goes over each of them."""
+        stiffness = self._bending(rigidity, uneven, geometry)
         if self.correction is None:
             return stiffness
         scale = self.correction.scale(rigidity, geometry)
         return stiffness + scale[..., None, None] * self._between_modes(self.lacking, self.correction.stiffness)
 
     def lost(
-        self, lossy_rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
+        self,
+        lossy_rigidity: Float[Tensor, "*#batch n_element 3 3"],
+        geometry: Geometry,
+        uneven: Float[Tensor, "*#batch n_element n_pattern"] | None = None,
     ) -> Float[Tensor, "*batch n n"]:
         """What the elements lose H [N/m], from their rigidity times their own loss factors [N m]."""
-        lost = self._bending(lossy_rigidity, geometry)
+        lost = self._bending(lossy_rigidity, uneven, geometry)
         if self.correction is None:
             return lost
         scale, middle = self.correction.lost(lossy_rigidity, geometry)
@@ -179,15 +190,36 @@ class Assembly(nn.Module):
         return lost + scale[..., None, None] * self._between_modes(known, middle)
 
     def _bending(
-        self, rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
+        self,
+        rigidity: Float[Tensor, "*#batch n_element 3 3"],
+        uneven: Float[Tensor, "*#batch n_element n_pattern"] | None,
+        geometry: Geometry,
     ) -> Float[Tensor, "*batch n n"]:
-        """Of the elements as they are."""
-        coefficient = self.stiffness_coefficient(rigidity, geometry)
-        stiffness = self._assemble(coefficient, self.pattern, slice(0, 6))
+        """Of the elements, each with a rigidity in the mean, and as that goes over it."""
+        stiffness = self._assemble(self.stiffness_coefficient(rigidity, geometry), self.pattern, slice(0, 6))
+        if uneven is not None:
+            stiffness = stiffness + self._apart(uneven, self._uneven_pattern(uneven))
         if self.unevenness is None:
             return stiffness
         scale = Correction.measure(rigidity, geometry) / self.unevenness.rigidity
         return stiffness + scale[..., None, None] * self.unevenness.stiffness
+
+    def uneven_coefficient(
+        self, section: Section, uneven: Float[Tensor, "*#batch n_element 4 n_power"] | None, geometry: Geometry
+    ) -> Float[Tensor, "*batch n_element n_pattern"] | None:
+        """What each pattern of elements that are not the same all over is times; see `Section.uneven`."""
+        if uneven is None:
+            return None
+        if section.grain_angle is None:
+            coefficient = self.stiffness_coefficient(section.sound_rigidity, geometry)[..., STRAIGHT]
+            return (coefficient[..., None] * uneven).flatten(-2)
+        coefficient = self.stiffness_coefficient(section.sound_parts, geometry)
+        return torch.einsum("k...ep,...ekm->...epm", coefficient, uneven).flatten(-2)
+
+    def _uneven_pattern(self, coefficient: Tensor) -> Float[Tensor, "n_pattern 12 12"]:
+        """The patterns of these: of the four entries that a plate along its grain has, or of all six."""
+        pattern = self.uneven_pattern
+        return (pattern if coefficient.shape[-1] == pattern[..., 0, 0].numel() else pattern[STRAIGHT]).flatten(0, 1)
 
     def _between_modes(self, known: Tensor | None, middle: Tensor) -> Float[Tensor, "n n"]:
         """Rᵀ C R of a correction, as it is known in the basis."""
@@ -265,11 +297,14 @@ class Assembly(nn.Module):
         added: Sequence[AddedMass] = (),
     ) -> System:
         """All matrices of the model: the section's, and what local terms and masses that are spread add to them."""
-        rigidity = section.rigidity
-        stiffness, mass = self.stiffness(rigidity, geometry), self.mass(section.areal_mass, geometry)
+        stiffness = self.stiffness(
+            section.rigidity, geometry, self.uneven_coefficient(section, section.uneven, geometry)
+        )
+        mass = self.mass(section.areal_mass, geometry)
         hysteretic = None
         if section.loss_factor is not None:
-            hysteretic = self.lost(section.lossy_rigidity, geometry)
+            uneven = self.uneven_coefficient(section, section.uneven_loss, geometry)
+            hysteretic = self.lost(section.lossy_rigidity, geometry, uneven)
         dashpots, viscous = [stiffness.new_zeros(0, self.size)], [stiffness.new_zeros(0)]
         carriers, hung = [], []
         for term in terms:
@@ -306,12 +341,14 @@ class Assembly(nn.Module):
         self, section: Section, geometry: Geometry, terms: Sequence[Local]
     ) -> tuple[csr_array, csr_array, csr_array, csr_array | None]:
         """K, M, the viscous matrix and the elements' own hysteretic matrix of one member, sparse, on the CPU."""
-        stiffness = self._sparse(self.stiffness_coefficient(section.rigidity, geometry), self.pattern)
+        uneven = self.uneven_coefficient(section, section.uneven, geometry)
+        stiffness = self._sparse_bending(section.rigidity, uneven, geometry)
         mass = self._sparse(self.mass_coefficient(section.areal_mass, geometry), self.mass_pattern[None])
         viscous = csr_array(stiffness.shape)
         hysteretic = None
         if section.loss_factor is not None:
-            hysteretic = self._sparse(self.stiffness_coefficient(section.lossy_rigidity, geometry), self.pattern)
+            uneven = self.uneven_coefficient(section, section.uneven_loss, geometry)
+            hysteretic = self._sparse_bending(section.lossy_rigidity, uneven, geometry)
         for term in terms:
             # Without the correction, which would fill the matrices: see `SparseModel.lacking`.
             row = csr_array(term.vector[..., self.free].double().cpu().numpy())
@@ -323,6 +360,10 @@ class Assembly(nn.Module):
                 stiffness = stiffness + added if name == "stiffness" else stiffness
                 viscous = viscous + added if name == "viscous" else viscous
         return stiffness, mass, viscous, hysteretic
+
+    def _sparse_bending(self, rigidity: Tensor, uneven: Tensor | None, geometry: Geometry) -> csr_array:
+        found = self._sparse(self.stiffness_coefficient(rigidity, geometry), self.pattern)
+        return found if uneven is None else found + self._sparse(uneven, self._uneven_pattern(uneven))
 
     def _sparse(self, coefficient: Tensor, pattern: Tensor) -> csr_array:
         coefficient = coefficient.expand(self.mesh.n_element, coefficient.shape[-1])
@@ -345,30 +386,37 @@ class Assembly(nn.Module):
         coefficient = coefficient.expand(*coefficient.shape[:-2], self.mesh.n_element, coefficient.shape[-1])
         each = self.elements if which.start == 0 else self.element_masses
         if each is None and (self.basis is None or self.uniform is None):
-            matrices = torch.einsum("...ek,kpq->...epq", coefficient, pattern)
-            return self._scatter(matrices) if self.basis is None else self._project(matrices)
+            return self._matrices(coefficient, pattern)
         # What is the same in most elements is one product for all of them: a patch then costs its own elements.
         most = coefficient.median(-2, keepdim=True).values
         found = self._assemble(most, pattern, which)
         apart = coefficient - most
+        if each is None:
+            return found + self._apart(apart, pattern)
         differs = _differs(apart)
         some = None if differs is None else _few(differs.any(0))
-        if each is not None:
-            if some is not None:
-                apart = apart[..., some, :]
-                each = each.unflatten(0, (-1, self.mesh.n_element))[:, some].flatten(0, 1)
-            return found + (apart.mT.flatten(-2) @ each)[..., self.mirror]
-        if differs is None or some is not None or 2 * int(differs.sum()) >= differs.numel():
-            return found + self._elements(apart, pattern, some)
-        # Patches in different places: each member has its own elements.
-        alone = zip(apart.flatten(0, -3), differs, strict=True)
-        own = torch.stack([self._elements(one, pattern, torch.nonzero(where).flatten()) for one, where in alone])
-        return found + own.unflatten(0, apart.shape[:-2])
+        if some is not None:
+            apart = apart[..., some, :]
+            each = each.unflatten(0, (-1, self.mesh.n_element))[:, some].flatten(0, 1)
+        return found + (apart.mT.flatten(-2) @ each)[..., self.mirror]
 
-    def _elements(
-        self, coefficient: Float[Tensor, "*batch n_element n_pattern"], pattern: Tensor, some: Tensor | None
+    def _apart(self, coefficient: Tensor, pattern: Tensor) -> Tensor:
+        """Σ over elements and patterns, where few elements of each member have any."""
+        differs = _differs(coefficient)
+        some = None if differs is None else _few(differs.any(0))
+        if self.basis is None or differs is None or some is not None or 2 * int(differs.sum()) >= differs.numel():
+            return self._matrices(coefficient, pattern, some)
+        # Patches in different places: each member has its own elements.
+        alone = zip(coefficient.flatten(0, -3), differs, strict=True)
+        own = torch.stack([self._matrices(one, pattern, torch.nonzero(where).flatten()) for one, where in alone])
+        return own.unflatten(0, coefficient.shape[:-2])
+
+    def _matrices(
+        self, coefficient: Float[Tensor, "*batch n_element n_pattern"], pattern: Tensor, some: Tensor | None = None
     ) -> Float[Tensor, "*batch n n"]:
-        """Σ over patterns and elements, or some of these, in the basis."""
+        """Σ over patterns and elements, or some of these."""
+        if self.basis is None:
+            return self._scatter(torch.einsum("...ek,kpq->...epq", coefficient, pattern))
         coefficient = coefficient if some is None else coefficient[..., some, :]
         return self._project(torch.einsum("...ek,kpq->...epq", coefficient, pattern), some)
 

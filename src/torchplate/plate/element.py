@@ -86,6 +86,33 @@ def patterns(a: float, b: float) -> Patterns:
     return Patterns(0.5 * (stiffness + stiffness.mT), 0.5 * (mass + mass.mT))
 
 
+def uneven_patterns(a: float, b: float) -> Float[Tensor, "6 25 12 12"]:
+    """The same of stiffness, where the rigidity goes with the place in the element: Σ D[i, j]_pq · pattern[k, 5p + q].
+
+    D[i, j]_pq is ∫ D[i, j] ξ^p η^q over the unit square, ξ and η from its middle.
+
+    Args:
+        a: side along x [m], > 0.
+        b: side along y [m], > 0.
+    """
+    # From corner dofs to the polynomial about the middle.
+    rows = [monomials(CORNER - 0.5), monomials(CORNER - 0.5, order_y=1), -monomials(CORNER - 0.5, order_x=1)]
+    coefficient = torch.linalg.inv(torch.stack(rows, dim=1).reshape(N_DOF, N_DOF)) * _dof_scale(a, b)
+    orders, side = ((2, 0), (0, 2), (1, 1)), (-1 / a**2, -1 / b**2, -2 / (a * b))
+    found = []
+    for i, j in zip(RIGIDITY_ROW, RIGIDITY_COLUMN, strict=True):
+        power = [[EXPONENT[:, axis] - orders[k][axis] for axis in (0, 1)] for k in (i, j)]
+        factor = [_falling(EXPONENT[:, 0], orders[k][0]) * _falling(EXPONENT[:, 1], orders[k][1]) for k in (i, j)]
+        weight = (factor[0][:, None] * factor[1]).double()
+        # Where the factor vanishes the lowered power may be any; its place is then never used.
+        place = [(power[0][axis][:, None] + power[1][axis]).clamp(0, 4) for axis in (0, 1)]
+        strain = weight.new_zeros(25, N_DOF, N_DOF).scatter(0, (5 * place[0] + place[1])[None], weight[None])
+        one = side[i] * side[j] * a * b * (coefficient.mT @ strain @ coefficient)
+        # An off-diagonal entry of D stands at two places of the sum.
+        found.append(0.5 * (one + one.mT) if i == j else one + one.mT)
+    return torch.stack(found)
+
+
 def stiffness(rigidity: Float[Tensor, "*batch 3 3"], a: float, b: float) -> Float[Tensor, "*batch 12 12"]:
     """Stiffness matrices ∫ Bᵀ D B of a × b elements (seed paper, Eq. 13), one for each rigidity [N m]."""
     pattern = patterns(a, b).stiffness.to(rigidity)

@@ -132,14 +132,11 @@ class Mesh:
     @cached_property
     def element_dof(self) -> Int[Tensor, "n_element 12"]:
         """Dofs of each element, corner by corner; elements count along x first."""
-        return self._of_kept(self._dof_of_all)
+        return self.of_kept_elements(self._dof_of_all)
 
-    def _of_kept(self, value: Tensor, last: bool = False) -> Tensor:
-        """Of all elements of the rectangle, along the first or the last dimension: those that are not cut out."""
-        if self.kept is None:
-            return value
-        kept = self.kept.to(value.device)
-        return value[..., kept] if last else value[kept]
+    def of_kept_elements(self, value: Tensor, dim: int = 0) -> Tensor:
+        """Of all elements of the rectangle, along a dimension: those that are not cut out."""
+        return value if self.kept is None else value.index_select(dim, self.kept.to(value.device))
 
     @cached_property
     def _dof_of_all(self) -> Int[Tensor, "n_all 12"]:
@@ -157,7 +154,7 @@ class Mesh:
     @cached_property
     def element_place(self) -> Float[Tensor, "n_element 2"]:
         """Relative places of the elements' centres [-], along x first."""
-        return self._of_kept(self._centres)
+        return self.of_kept_elements(self._centres)
 
     @cached_property
     def _centres(self) -> Float[Tensor, "n_all 2"]:
@@ -323,9 +320,19 @@ class Mesh:
             size: root of its area over √(Lx Ly) [-], of the nominal sides: so it is square on a rectangle too.
             aspect: its side along x over that along y, in metres [-].
         """
+        return self.overlap(*self.outline(x, y, size, aspect))
+
+    def outline(
+        self,
+        x: Float[Tensor, "*#batch"],
+        y: Float[Tensor, "*#batch"],
+        size: Float[Tensor, "*#batch"],
+        aspect: Float[Tensor, "*#batch"] | float = 1.0,
+    ) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
+        """From where to where a rectangular patch goes along x and along y, relative [-]; see `coverage`."""
         stretch = math.sqrt(self.length_y / self.length_x) * aspect**0.5
         half_x, half_y = size * stretch / 2, size / stretch / 2
-        return self.overlap((x - half_x, x + half_x), (y - half_y, y + half_y))
+        return (x - half_x, x + half_x), (y - half_y, y + half_y)
 
     def overlap(
         self,
@@ -347,5 +354,5 @@ class Mesh:
         along_x, along_y = torch.broadcast_tensors(overlaps[0][..., None, :], overlaps[1][..., :, None])
         covered = (along_x > 0) & (along_y > 0)
         parts = ((along * covered).flatten(-2) for along in (along_x, along_y))
-        of_x, of_y = (self._of_kept(part, last=True) for part in parts)
+        of_x, of_y = (self.of_kept_elements(part, -1) for part in parts)
         return of_x, of_y

@@ -42,6 +42,10 @@ class Section(NamedTuple):
     loss_factor: Float[Tensor, "*batch n_element n_entry"] | None = None
     # From the side x to the axis of E_x, positive towards the side y [rad]; None where they are the same.
     grain_angle: Float[Tensor, "*batch n_element"] | None = None
+    # ∫ ξ^p η^q of what stiffness_factor is more at a place in an element than its mean; see `cut_elements` [-].
+    uneven: Float[Tensor, "*batch n_element n_entry n_power"] | None = None
+    # The same of stiffness_factor · loss_factor.
+    uneven_loss: Float[Tensor, "*batch n_element n_entry n_power"] | None = None
 
     @property
     def areal_mass(self) -> Float[Tensor, "*batch n_element"]:
@@ -62,6 +66,17 @@ class Section(NamedTuple):
     def lossy_rigidity(self) -> Float[Tensor, "*batch n_element 3 3"]:
         """Rigidity times the elements' own loss factors [N m]; zero where they have none."""
         return self._matrix(self.stiffness_factor * (0.0 if self.loss_factor is None else self.loss_factor))
+
+    @property
+    def sound_rigidity(self) -> Float[Tensor, "*batch n_element 3 3"]:
+        """Rigidity without what `stiffness_factor` makes of it [N m]."""
+        return self._matrix(torch.ones_like(self.stiffness_factor[..., :1, :1]))
+
+    @property
+    def sound_parts(self) -> Float[Tensor, "4 *batch n_element 3 3"]:
+        """What D₁₁, D₂₂, D₁₂ and D₃₃ each bring into it [N m]."""
+        one = torch.eye(4).to(self.stiffness_factor)
+        return torch.stack([self._matrix(part[None]) for part in one])
 
     def _matrix(self, factor: Float[Tensor, "*#batch _ n_entry"]) -> Float[Tensor, "*batch n_element 3 3"]:
         """The sound rigidity, its entries times factors."""

@@ -1,0 +1,124 @@
+"""A rectangular patch of another bending stiffness, and the elements that its edges cut.
+
+The curvatures of an element are not the same all over it, and a patch that covers half of one sees those of that half.
+What `laminate` makes of a cut element is right for curvatures that are the same everywhere; beside it stands here how
+the bending goes over the element. Both together are exact to first order in how much weaker the patch is, and of two
+strips one after the other, under moments that are linear along them, exact altogether.
+"""
+
+import torch
+from jaxtyping import Float, Inexact
+from torch import Tensor
+
+from torchplate.plate.laminate import laminate
+from torchplate.plate.mesh import Mesh
+from torchplate.plate.section import Section
+
+# Powers of a relative place, 0 to 4: curvatures have squares in them, the twist of an element among them.
+POWERS = torch.arange(5)
+# The same over a whole side, from its middle.
+WHOLE = torch.tensor([1.0, 0.0, 1 / 12, 0.0, 1 / 80], dtype=torch.float64)
+
+
+def patched(
+    section: Section,
+    mesh: Mesh,
+    factor: Inexact[Tensor, "*#batch"],
+    x: Float[Tensor, "*#batch"],
+    y: Float[Tensor, "*#batch"],
+    size: Float[Tensor, "*#batch"],
+    aspect: Float[Tensor, "*#batch"] | float = 1.0,
+) -> Section:
+    """What each element is made of with a patch on it.
+
+    Args:
+        section: without it.
+        mesh: the mesh.
+        factor: bending stiffness under the patch over that beside it [-]; complex where it dissipates.
+        x: its centre along x, relative [-].
+        y: along y.
+        size: root of its area over √(Lx Ly) [-]; see `Mesh.coverage`.
+        aspect: its side along x over that along y, in metres [-].
+    """
+    outline = mesh.outline(x, y, size, aspect)
+    mean = laminate(factor[..., None], *mesh.overlap(*outline), section.poisson_ratio)
+    uneven = uneven_bending(mesh, *outline, factor, section.poisson_ratio)
+    if not factor.is_complex():
+        return section._replace(stiffness_factor=section.stiffness_factor * mean, uneven=_sum(section.uneven, uneven))
+    return section._replace(
+        stiffness_factor=section.stiffness_factor * mean.real,
+        loss_factor=_sum(section.loss_factor, mean.imag / mean.real),
+        uneven=_sum(section.uneven, uneven.real),
+        uneven_loss=_sum(section.uneven_loss, uneven.imag),
+    )
+
+
+def _sum(one: Tensor | None, other: Tensor) -> Tensor:
+    return other if one is None else one + other
+
+
+def uneven_bending(
+    mesh: Mesh,
+    over_x: tuple[Float[Tensor, "*#batch"], Float[Tensor, "*#batch"]],
+    over_y: tuple[Float[Tensor, "*#batch"], Float[Tensor, "*#batch"]],
+    factor: Inexact[Tensor, "*#batch"],
+    poisson_ratio: Float[Tensor, "*#batch #n_element"],
+) -> Inexact[Tensor, "*batch n_element 4 25"]:
+    """∫ (D/D₀ − mean) ξ^p η^q over each element, D₁₁, D₂₂, D₁₂ and D₃₃ over the sound ones D₀, at 5p + q [-].
+
+    ξ and η go from the middle of an element, in its sides. A patch ends at the edge of the plate.
+
+    Args:
+        mesh: the mesh.
+        over_x: from where to where the patch goes along x, relative [-].
+        over_y: along y.
+        factor: bending stiffness under the patch over the sound one [-]; complex where it dissipates.
+        poisson_ratio: √(ν_x ν_y).
+
+    Source: of two strips one after the other the flexibility ∫ MᵀM / D, inverted (Przemieniecki, Theory of Matrix
+    Structural Analysis, 1968, chapter 6), for M_x = D (κ_x + ν κ_y); beside each other they are bent alike.
+    """
+    strips = [_strips(over, n, factor) for over, n in zip((over_x, over_y), mesh.cells, strict=True)]
+    (part_x, series_x, beside_x), (part_y, series_y, beside_y) = strips
+    nu = poisson_ratio.square()[..., None, None]
+
+    def both(along_x: Tensor, along_y: Tensor) -> Tensor:
+        """Products [*batch n_element 5 5] of what goes along x and along y, elements counted along x first."""
+        each = along_y[..., :, None, None, :] * along_x[..., None, :, :, None]
+        return mesh.of_kept_elements(each.flatten(-4, -3), -3)
+
+    # Where both sides are cut, half of each is taken before the other and half after it.
+    series, beside = both(series_x, part_y), both(beside_x, part_y)
+    turned, aside = both(part_x, series_y), both(part_x, beside_y)
+    found = (
+        series + nu * turned + (1 - nu) * aside,
+        turned + nu * series + (1 - nu) * beside,
+        series + turned,
+        beside + aside,
+    )
+    return torch.stack(found, dim=-3).flatten(-2)
+
+
+def _strips(
+    over: tuple[Tensor, Tensor], n: int, factor: Tensor
+) -> tuple[Tensor, Inexact[Tensor, "*batch n 5"], Inexact[Tensor, "*batch n 5"]]:
+    """Of each row of elements: what is covered, and what is uneven across the cut and along it.
+
+    The first is the mean of what is covered and of what a mean would be, over all powers.
+    """
+    number = torch.arange(n, dtype=over[0].dtype, device=over[0].device)
+    low, high = ((end[..., None] * n - number).clamp(0, 1) - 0.5 for end in over)
+    whole = WHOLE.to(low)
+    power = (POWERS + 1).to(low.device)
+    covered = (high[..., None] ** power - low[..., None] ** power) / power
+    part = covered[..., :1]
+    beside = (factor[..., None, None] - 1) * (covered - part * whole)
+    weaker = 1 / factor[..., None] - 1
+    one, first, second = (weaker * covered[..., k] for k in range(3))
+    one, second = 1 + one, 1 / 12 + second
+    left = one * second - first.square()
+    # In the curvature at the middle and its slope, of which a slope of 1 turns by 1/12.
+    series = [second / left - 1 / one, -first / left / 12, one / left / 144 - 1 / one / 12]
+    # A twist has higher powers, with which that of a turned grain bends.
+    series = [*series, *beside.unbind(-1)[3:]]
+    return 0.5 * (covered + part * whole), torch.stack(series, dim=-1), beside
