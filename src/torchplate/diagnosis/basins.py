@@ -58,7 +58,7 @@ def _basins(
     members = torch.cat([first, _spread(model, prior, first[0], free, settings.n_spread)])
     theta = model.space.to_si(first[0])
     problem = Problem(builder, builder.reduced(builder.corrected(model, theta).model, theta[None]), prior)
-    value = problem.residual(members, 0).square().sum(-1)
+    value = problem.squares(members, 0)
     ends = members[value.argsort()[: settings.n_descend]]
     ends, _ = widely(problem, ends, keep=settings.n_descend // 2)
     basins: list[Tensor] = []

@@ -11,9 +11,12 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import Marginal
 from torchplate.model import PlateModel, sharing_modes
+from torchplate.plate import transformed
 from torchplate.search import Descent, least_squares, recalled
 
 Prior = Mapping[str, tuple[float, float]]
+# Complex numbers of FRFs of several members that are laid out together: 64 MiB of them.
+AT_ONCE = 2**22
 
 
 class Problem:
@@ -46,8 +49,23 @@ class Problem:
 
     def residual(self, position: Float[Tensor, "*batch n"], level: int) -> Float[Tensor, "*batch n_residual"]:
         """Deviations at a level; at the sharp one with those from what is known beforehand."""
-        theta = self.model.space.to_si(position)
-        return self.deviations(self.predict(theta, level), theta, level)
+        rows = position.reshape(-1, position.shape[-1])
+        if len(rows) <= self._at_once(level) or transformed():
+            theta = self.model.space.to_si(position)
+            return self.deviations(self.predict(theta, level), theta, level)
+        # What they are made of need not be held beside those of all.
+        found = torch.cat([self.residual(some, level) for some in rows.split(self._at_once(level))])
+        return found.unflatten(0, position.shape[:-1])
+
+    def squares(self, position: Float[Tensor, "n_member n"], level: int) -> Float[Tensor, " n_member"]:
+        """Sums of the squares of these: those of many FRFs are not laid out together."""
+        some = position.split(self._at_once(level))
+        return torch.cat([self.residual(one, level).square().sum(-1) for one in some])
+
+    def _at_once(self, level: int) -> int:
+        """Members whose FRFs are laid out together."""
+        n_line = len(self.target.lines(level)[0])
+        return max(1, AT_ONCE // (n_line * self.target.measurement.frf[0].numel()))
 
     def predict(self, theta: Float[Tensor, "*batch n"], level: int) -> Tensor:
         """What the model says at a level: at the wide ones roughly."""

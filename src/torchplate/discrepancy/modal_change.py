@@ -1,6 +1,5 @@
 """FRFs by modes, and how they change with what changes a mode, the matrices of a plate, or its supports."""
 
-import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -339,21 +338,21 @@ def through_each(
     fewer, n_more = from_fewer.at(torch.arange(len(modal.eigenvalue))), len(more.rows)
     imaginary, excess = 1j * torch.ones_like(s), modal.excess
     lost = 1.0 if lossy else modal.lossy
-    parts, pairs = [], [(stiffness, imaginary if lossy else modal.kappa[:, 0] + 1j * modal.lossy), (mass, s.square())]
+    pairs = [(stiffness, imaginary if lossy else modal.kappa[:, 0] + 1j * modal.lossy), (mass, s.square())]
     if excess is not None:
         own = torch.diag_embed(excess.part * lost * stiffness.diagonal(dim1=-2, dim2=-1))
         turned = own if lossy else own + excess.turned(modal.eigenvalue, stiffness, mass)
         pairs.append((turned, imaginary))
+    change = fewer.new_zeros(len(stiffness), len(s), fewer.shape[1], n_more)
+    # One real product for all lines and as many terms as may be laid out together.
+    n_term = max(1, AT_ONCE // fewer.numel())
     for matrices, factor in pairs:
         some, which, multiple = _multiples(matrices)
-        whole = fewer.new_zeros(len(matrices), len(s), fewer.shape[1], n_more)
-        if len(some):
-            # One real product for all lines and as many terms as may be laid out together.
-            n_term = max(1, AT_ONCE // fewer.numel())
-            felt = torch.cat([_felt(fewer, more, matrices[part]) for part in some.split(n_term)])
-            whole = (factor[:, None, None] * felt)[which].mul_(multiple[:, None, None, None])
-        parts.append(whole)
-    change = functools.reduce(torch.Tensor.add_, parts).neg_()
+        for first in range(0, len(some), n_term):
+            felt = _felt(fewer, more, matrices[some[first : first + n_term]]).mul_(factor[:, None, None])
+            for index, one in enumerate(which.tolist()):
+                if first <= one < first + len(felt):
+                    change[index].sub_(felt[one - first], alpha=float(multiple[index]))
     return change.mT if swapped else change
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
-from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.catalogue import candidates, channels_of
@@ -273,7 +272,7 @@ class Comparing:
         before = {**values, change.name: float(change.before or 0.0)}
         members = [before, *({**values, **point} for point in grid(change, self.settings.n_grid))]
         theta = torch.tensor([[member[name] for name in model.names] for member in members]).to(one.frozen.known)
-        square = _squares(problem, model.space.to_cube(theta), level)
+        square = problem.squares(model.space.to_cube(theta), level)
         order = square.argsort().tolist()
         drop = 1 - float(square.min() / square[0].clamp(min=1e-300))
         starts = [members[k] for k in order[: self.settings.n_start]]
@@ -347,10 +346,6 @@ def _best_options(promises: Sequence[Promise]) -> list[Promise]:
         if count[one.change.name] <= 2:
             found.append(one)
     return found
-
-
-def _squares(problem: Problem, places: Tensor, level: int) -> Tensor:
-    return problem.residual(places, level).square().sum(-1)
 
 
 def _n_place(change: Change, n_mode: int) -> int:

@@ -52,7 +52,7 @@ class FromAfar:
         some = torch.cat([promise.starts[:1], members[-settings.n_plates :]])
         margin = self.builder.target.settings.meshes.roughly
         problem = Problem(self.builder, self.builder.reduced(whole, whole.space.to_si(some), margin=margin), self.prior)
-        value = problem.residual(members, 0).square().sum(-1)
+        value = problem.squares(members, 0)
         starts, left = widely(problem, members[value.argsort()[: settings.n_far]], settings.n_kept)
         given = Problem(self.builder, state.fit.reduced, self.prior)
         position = given.model.space.to_cube(state.fit.theta)
