@@ -16,7 +16,7 @@ from torchplate.diagnosis.joint import Joint
 from torchplate.diagnosis.judged import settled
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.discrepancy import Marginal
+from torchplate.discrepancy import Found, Marginal, n_terms
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import Imperfections
 from torchplate.measurement.noise import Noise, noise_level
@@ -454,3 +454,22 @@ def test_columns_are_whitened_some_at_a_time_and_come_out_as_all_at_once(worksho
     assert max(asked) <= fitted_at_once.AT_ONCE < len(workshop.specimens.names)
     monkeypatch.setattr(fitted_at_once, "AT_ONCE", len(workshop.specimens.names))
     assert torch.allclose(slope(), found, rtol=1e-9, atol=1e-9 * float(found.abs().max()))
+
+
+@torch.no_grad()
+def test_a_basis_is_that_of_the_specimen_as_far_as_it_is_known(workshop):
+    builder, specimens, shift = workshop.builder, workshop.specimens, 3.0 * workshop.shift
+    spread = torch.eye(len(shift), dtype=torch.float64)
+    whole = builder.given.projected(torch.eye(len(builder.mesh.free_dof), dtype=torch.float64))
+    wanted = builder.target.specimens(whole, TRUTH).at(shift).frf(TRUTH, LINES)
+    off, bases = [], []
+    # Nothing known of it; the specimen; and one that is so near to it that its basis is taken again.
+    for about in (None, Found(shift, spread), Found(shift + 0.02, spread)):
+        plain = builder.reduced(builder.given, TRUTH[None], about=about)
+        bases.append(plain.assembly.basis)
+        found = builder.target.specimens(plain, TRUTH).at(shift).frf(TRUTH, LINES)
+        off.append(float((found - wanted).norm() / wanted.norm()))
+    assert off[1] < 0.2 * off[0]
+    assert off[2] == off[1]
+    assert bases[2] is bases[1]
+    assert len(shift) > specimens.n_term == n_terms(builder.target.wandering)

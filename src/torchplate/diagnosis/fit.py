@@ -66,7 +66,7 @@ def begin(
         about: the specimen, where it is known.
     """
     theta = model.space.to_si(start[0])
-    plain = builder.reduced(builder.corrected(model, theta).model, theta[None])
+    plain = builder.reduced(builder.corrected(model, theta).model, theta[None], about=about)
     joint = Joint(builder, model, builder.target.specimens(plain, theta), prior)
     return _beside_the_axis(joint, start) if about is None else _beside(joint, start, about)
 
@@ -110,7 +110,7 @@ def fit(
         theta = model.space.to_si(position)
         if turn == 0 or (turn == 1 and builder.held):
             corrected = builder.corrected(model, theta).model
-        plain = builder.reduced(corrected, theta[None])
+        plain = builder.reduced(corrected, theta[None], about=about)
         specimens = target.specimens(plain, theta)
         reduced = specimens.of(about)
         if other is not None and about is not None and _at_rest(builder, other, reduced, theta, about, value):

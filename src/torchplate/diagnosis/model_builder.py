@@ -18,6 +18,7 @@ from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.held_edges import held_again, held_edges, on_springs
 from torchplate.diagnosis.settings import Fineness
 from torchplate.diagnosis.target import FrfTarget
+from torchplate.discrepancy import UNIFORM, Found, n_terms, section_off
 from torchplate.model import Extrapolated, PlateModel, extrapolate, on_mesh, ritz_basis, shares_basis
 from torchplate.plate import Assembly, Mesh, Plan
 
@@ -30,12 +31,14 @@ class OfPlate(NamedTuple):
         model: in all dofs.
         plan: the member; None where it was made of several.
         off_marks: whether it holds what is read beside the marks.
+        shift: how far the section of that plate is off, in standard deviations of each term.
     """
 
     basis: Float[Tensor, "n_free n_basis"]
     model: PlateModel
     plan: Plan | None
     off_marks: bool
+    shift: Float[Tensor, " n_term"]
 
     def holds(self, model: PlateModel, plan: Plan, n_mode: int, off_marks: bool) -> bool:
         """Whether it holds another plate too.
@@ -148,6 +151,7 @@ class ModelBuilder:
         members: Float[Tensor, "n_member n_parameter"],
         by_element: bool | None = None,
         margin: float | None = None,
+        about: Found | None = None,
     ) -> PlateModel:
         """A model in the modes of some of its members, and the static residual of the higher ones.
 
@@ -156,18 +160,36 @@ class ModelBuilder:
             members: whose modes these are.
             by_element: whether elements will differ; left out, where they do.
             margin: modes kept, in multiples of the band's end [-]; left out, that of the settings.
+            about: the specimen, as far as it is known: the modes are then those of its section.
         """
         margin = margin or self.target.settings.meshes.margin
         off, last = self.target.imperfections.std("position_std") > 0, self._last.get(margin)
+        shift = self._of_section(about)
+        if last is not None and float((last.shift - shift).norm()) <= self.target.settings.meshes.same_section:
+            shift = last.shift
+        given = model
+        if bool(shift.any()):
+            model = model.with_section_off(section_off(self.target.wandering, shift))
         plan = model.plan(members[0]) if len(members) == 1 else None
         if last is None or plan is None or not last.holds(model, plan, self.target.n_mode, off):
             top, near = torch.tensor([self.top]).to(model.known), None if last is None else last.basis
-            last = OfPlate(ritz_basis(model, members, top, 0, margin, off_marks=off, near=near), model, plan, off)
+            last = OfPlate(
+                ritz_basis(model, members, top, 0, margin, off_marks=off, near=near), model, plan, off, shift
+            )
             self._last[margin] = last
-        basis = last.basis
+        model, basis = given, last.basis
         if by_element is None:
             return model.projected(basis)
         return on_mesh(model, Assembly(self.mesh, basis, by_element, model.assembly.correction))
+
+    def _of_section(self, about: Found | None) -> Float[Tensor, " n_term"]:
+        """How far a specimen's section is off, in standard deviations; zeros where nothing is known of it."""
+        wandering = self.target.wandering
+        found = self.given.known.new_zeros(0 if wandering == UNIFORM else n_terms(wandering))
+        if about is not None:
+            n = min(len(found), len(about.shift))
+            found[:n] = about.shift[:n]
+        return found
 
     def predict(
         self, model: PlateModel, theta: Float[Tensor, "*batch n_parameter"], level: int | None = None

@@ -28,7 +28,7 @@ from torchplate.discrepancy.nuisance import matrix_columns, modes_damped, nuisan
 from torchplate.discrepancy.objective import Evidence, Objective
 from torchplate.discrepancy.sensitivity import Sensitivity, sensitivity
 from torchplate.discrepancy.specimen import Found, OfChannels, Specimens, as_it_is_meant
-from torchplate.discrepancy.wandering import UNIFORM, Elements, Wandering
+from torchplate.discrepancy.wandering import UNIFORM, Elements, Wandering, n_terms, section_off
 
 __all__ = [
     "OBJECTIVES",
@@ -58,10 +58,12 @@ __all__ = [
     "mac",
     "matrix_columns",
     "modes_damped",
+    "n_terms",
     "nuisances",
     "place_std",
     "relative_amplitude_norm",
     "relative_frf_norm",
+    "section_off",
     "sensitivity",
     "specimen_columns",
 ]

@@ -4,6 +4,7 @@ Each term changes stiffness and mass of the elements by a standard deviation. Ho
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.model import PlateModel
-from torchplate.plate import Plan, Unevenness
+from torchplate.plate import Mesh, Plan, Section, Unevenness
 
 # Step of the plate's section from which the change of its matrices is taken: they are polynomials of low order in it.
 STEP = 1e-4
@@ -67,11 +68,7 @@ def terms(model: PlateModel, plan: Plan, wandering: Wandering) -> list[Term]:
     section, place = plan.section, model.mesh.element_place.to(model.known)
     rigidity = section.rigidity
     coefficient = model.assembly.stiffness_coefficient(rigidity, plan.geometry)
-    shapes = [
-        (math.pi * p * place[:, 0]).cos() * (math.pi * q * place[:, 1]).cos()
-        for total in range(1, wandering.order + 1)
-        for p, q in ((k, total - k) for k in range(total + 1))
-    ]
+    shapes = _shapes(place, wandering.order)
     # So that all terms together are as large as the standard deviation says, on the mean over the plate.
     size = 1 / math.sqrt(sum(float(one.square().mean()) for one in shapes)) if shapes else 0.0
     found = []
@@ -89,6 +86,43 @@ def terms(model: PlateModel, plan: Plan, wandering: Wandering) -> list[Term]:
         ):
             other = model.assembly.stiffness_coefficient((changed.rigidity - rigidity) / STEP, plan.geometry)
             found.append(Term("grain", everywhere, other, None))
+    return found
+
+
+def _shapes(place: Float[Tensor, "*batch 2"], order: int) -> list[Float[Tensor, "*batch"]]:
+    """Cosines at some relative places."""
+    x, y = (math.pi * place).unbind(-1)
+    pairs = [(k, total - k) for total in range(1, order + 1) for k in range(total + 1)]
+    return [(p * x).cos() * (q * y).cos() for p, q in pairs]
+
+
+def n_terms(wandering: Wandering) -> int:
+    """How many terms there are."""
+    n_shape = wandering.order * (wandering.order + 3) // 2
+    return n_shape * ((wandering.thickness > 0) + (wandering.modulus > 0)) + 2 * (wandering.grain > 0)
+
+
+def section_off(wandering: Wandering, shift: Float[Tensor, " n_term"]) -> Callable[[Mesh, Section], Section]:
+    """What elements are made of on a plate that is so many standard deviations off in each term, each as a whole.
+
+    Args:
+        wandering: how far sections wander.
+        shift: of each term.
+    """
+
+    def found(mesh: Mesh, section: Section) -> Section:
+        shapes = _shapes(mesh.element_place.to(section.thickness), wandering.order)
+        size = 1 / math.sqrt(sum(float(one.square().mean()) for one in shapes)) if shapes else 0.0
+        left = iter(shift.tolist())
+        off = {"thickness": 1.0, "youngs_modulus": 1.0}
+        for one in shapes:
+            for name, far in (("thickness", wandering.thickness), ("youngs_modulus", wandering.modulus)):
+                if far > 0:
+                    off[name] = off[name] + next(left) * far * size * one
+        if wandering.grain > 0:
+            off |= {name: 1 + next(left) * wandering.grain for name in ("young_ratio", "shear_factor")}
+        return section._replace(**{name: getattr(section, name) * factor for name, factor in off.items()})
+
     return found
 
 

@@ -14,7 +14,7 @@ from torchplate.model.declared import declared
 from torchplate.model.frf import KINDS, laplace_lines, sensor_chain
 from torchplate.model.off_marks import OffMarks, carried_masses
 from torchplate.model.shared_modes import SharedModes
-from torchplate.plate import Assembly, Geometry, Local, Mesh, Plan, transformed
+from torchplate.plate import Assembly, Geometry, Local, Mesh, Plan, Section, transformed
 
 
 class DeclaredPlate(nn.Module):
@@ -55,6 +55,7 @@ class DeclaredPlate(nn.Module):
         self.shared_modes: SharedModes | None = None
         self.couples_modes, self.in_single = True, False
         self.damping_factor: Tensor | None = None
+        self.section_off: Callable[[Mesh, Section], Section] | None = None
         self.off_marks: OffMarks | None = None
         # Made now, because what is first made inside a torch.func transform belongs to that transform.
         for name, member in vars(Mesh).items():
@@ -179,6 +180,8 @@ class DeclaredPlate(nn.Module):
         for effect, own in pairs:
             section = effect.section(self.mesh, section, own)  # type: ignore[arg-type]  # the plate comes first
         assert section is not None
+        if self.section_off is not None:
+            section = self.section_off(self.mesh, section)
         terms: Sequence[Local] = []
         for effect, own in pairs:
             terms = effect.attached(self.mesh, terms, own)

@@ -1,7 +1,7 @@
 """The same plate with other effects or numbers, in a basis, or solved otherwise."""
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 import torch
@@ -12,7 +12,7 @@ from torchplate.effects import Effect, Searched
 from torchplate.model.declared_plate import DeclaredPlate
 from torchplate.model.off_marks import OffMarks
 from torchplate.model.shared_modes import SharedModes
-from torchplate.plate import Assembly
+from torchplate.plate import Assembly, Mesh, Section
 
 # Greatest error of an FRF in relative norm for which a search is done in single precision; least squares finish it.
 SINGLE_TOLERANCE = 1e-4
@@ -67,7 +67,7 @@ class PlateVariants(DeclaredPlate):
             self.assembly,
         ).to(self.known.device)
         found.damping_factor, found.couples_modes = self.damping_factor, self.couples_modes
-        found.off_marks = self.off_marks
+        found.off_marks, found.section_off = self.off_marks, self.section_off
         return found
 
     def projected(
@@ -121,6 +121,17 @@ class PlateVariants(DeclaredPlate):
             )
         twin = self._twin()
         twin.damping_factor = None if factor is None else factor.to(self.known)
+        return twin
+
+    def with_section_off(self: Kind, found: Callable[[Mesh, Section], Section] | None) -> Kind:
+        """The same plate, its section so far off from place to place: what any of its effects make of it, and more.
+
+        Args:
+            found: what the elements of a mesh are made of, where effects say that they are made of this; None where
+                they are right.
+        """
+        twin = self._twin()
+        twin.section_off = found
         return twin
 
     def with_places_off(

@@ -163,7 +163,7 @@ class Ranking:
 
     def _catalogue_beside(self, state: State) -> tuple[PlateModel, list[Candidate]]:
         """The plate that candidates are scored beside, in few modes, and all of them."""
-        base = self.builder.reduced(state.fit.model, state.fit.theta[None], by_element=True)
+        base = self.builder.reduced(state.fit.model, state.fit.theta[None], by_element=True, about=state.fit.about)
         base = self.builder.target.specimen(base, state.fit.theta, state.fit.about)
         rearranged = self._rearranged(state)
         everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys())

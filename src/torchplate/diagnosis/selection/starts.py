@@ -36,7 +36,7 @@ def spread_out(
         some = spread_at(candidate, *place, builder.target.settings.searching.n_spread)
         members.append(torch.stack([start_of(whole, theta, base, own, promise.label) for own in some]))
     every, level = torch.cat(members), builder.target.levels - 1
-    left = Problem(builder, whole, prior, state.fit.marginal).residual(every, level).square().sum(-1)
+    left = Problem(builder, whole, prior, state.fit.marginal).squares(every, level)
     # Half of them as they were promised, at other places; and the last of those, which is where the model is: with an
     # effect more it cannot end farther off than without.
     half = builder.target.settings.screening.n_start // 2
@@ -56,6 +56,6 @@ def nearest(
         about: the specimen that they stand for.
     """
     target, theta = builder.target, model.space.to_si(members[:1])
-    reduced = target.specimen(builder.reduced(model, theta), theta[0], about)
-    left = Problem(builder, reduced, prior).residual(members, target.levels - 2).square().sum(-1)
+    reduced = target.specimen(builder.reduced(model, theta, about=about), theta[0], about)
+    left = Problem(builder, reduced, prior).squares(members, target.levels - 2)
     return members[left.argsort()[: builder.target.settings.screening.n_start]]

@@ -32,6 +32,9 @@ class Meshes:
         settling: where the last model is settled: what `give` leaves of a mass of 4 % of 2.7 mm of steel is half a per
             cent at 400 Hz there, less than what such a mass is weighed by in a test.
         margin: modes kept in a basis, in multiples of the band's end [-].
+        same_section: distance of two specimens, in standard deviations of all terms of their sections, up to which a
+            basis of one holds the other: what of their modes is not in it goes with the distance, and a fifth of what a
+            sheet is usually off leaves a twenty-fifth of its squares [-].
         roughly: the same of plates that are spread over a prior and seen beside the frequency axis alone [-]: what is
             left of modes beyond goes with (1/roughly)⁴ of what they give at rest, less than smoothing takes.
         corrected: modes whose mesh error is taken off, likewise [-]: what higher ones leave of theirs is of the second
@@ -46,6 +49,7 @@ class Meshes:
     searching: Fineness = Fineness(256, 0.02, 3e-5, 1.0, 2.5e-3)
     settling: Fineness = Fineness(2500, 0.01, 1e-5, 0.5, 1.7e-3)
     margin: float = 3.0
+    same_section: float = 0.2
     roughly: float = 1.5
     corrected: float = 5.0
     rounding: float = 5e-4
