@@ -146,7 +146,7 @@ def test_without_parameters_there_is_nothing_to_fit(lab, plate, truth):
 def test_a_hopeless_fit_ends_with_its_first_basis(builder, plate, monkeypatch):
     bases = []
     reduced = builder.reduced
-    monkeypatch.setattr(builder, "reduced", lambda *arguments: bases.append(1) or reduced(*arguments))
+    monkeypatch.setattr(builder, "reduced", lambda *given, **named: bases.append(1) or reduced(*given, **named))
     start = torch.tensor([[0.3, 0.5, 0.5]], dtype=torch.float64)
     whole = fit(builder, builder.given, start, wide=False)
     n_whole = len(bases)
