@@ -55,7 +55,7 @@ from torchplate.measurement.nodes import read_nodes, with_nodes
 from torchplate.measurement.noise import Noise, noise_level
 from torchplate.measurement.placement import Match, Placement, place, place_points
 from torchplate.measurement.plausibility import disagreements
-from torchplate.measurement.quality import Quality, assess, peaks, summed_amplitude
+from torchplate.measurement.quality import Quality, assess, peak_width, peaks, summed_amplitude
 from torchplate.measurement.read import (
     FRF_SUFFIX,
     MODAL_SUFFIX,
@@ -125,6 +125,7 @@ __all__ = [
     "is_modal_table",
     "modes",
     "noise_level",
+    "peak_width",
     "peaks",
     "place",
     "place_points",
