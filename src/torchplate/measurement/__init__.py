@@ -26,6 +26,7 @@ Map:
     plausibility: whether a model and a measurement can belong together: frequencies, kind and level
     recording: time records of hits, cut and checked
     record_files: time records from files of any kind, with the nodes that belong to them
+    frf_tables: FRFs in tables that name no nodes, from MAT, NPZ, CSV and text
     text_table: cells, units and numbers of a table that is text
     record_tables: tables of channels from WAV, MAT, NPZ, CSV and LVM files
     mat_elements: what a MAT file holds, walked before SciPy reads it
@@ -43,6 +44,7 @@ from torchplate.measurement.archive import plain
 from torchplate.measurement.contents import Contents, Part, describe
 from torchplate.measurement.estimate import ESTIMATES, Estimate, Windows, estimate
 from torchplate.measurement.frame import METRES, Frame, in_frame
+from torchplate.measurement.frf_tables import FrfTable, frfs_of_tables, read_frf_table
 from torchplate.measurement.from_hits import frf_of_hits
 from torchplate.measurement.geometry import Proposal, Said, propose
 from torchplate.measurement.imperfections import CAREFUL, PERFECT, Imperfections
@@ -93,6 +95,7 @@ __all__ = [
     "Cutting",
     "Estimate",
     "Frame",
+    "FrfTable",
     "Hammer",
     "Hits",
     "Imperfections",
@@ -120,6 +123,7 @@ __all__ = [
     "disagreements",
     "estimate",
     "frf_of_hits",
+    "frfs_of_tables",
     "hammer_test",
     "in_frame",
     "is_modal_table",
@@ -131,6 +135,7 @@ __all__ = [
     "place_points",
     "plain",
     "propose",
+    "read_frf_table",
     "read_geometry",
     "read_measurement",
     "read_modal_model",

@@ -286,7 +286,8 @@ class Measurement:
         if missing:
             raise MeasurementError(
                 f"{path}: expected the keys frequency, frf, response and reference, got "
-                f"{', '.join(sorted(arrays))}. Add {', '.join(missing)}."
+                f"{', '.join(sorted(arrays))}. Add {', '.join(missing)}, or name the nodes of FRFs by torchplate frf "
+                f"{Path(path).name} --response 3 --reference 28 102 --out FRFS.uff."
             )
         named = kind or (str(arrays["kind"]) if "kind" in arrays else None)
         if named is None:
