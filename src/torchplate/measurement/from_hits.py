@@ -106,8 +106,8 @@ def _measurement(
                 coherence[:, j, k] = found[reference].coherence[keep, column]
     if windows is not None and windows.exponential is not None:
         notes.append(
-            f"Windowed by exp(-t/{windows.exponential:g} s): add {{effect: exponential_window, rate: "
-            f"{1 / windows.exponential:.6g}}} to the effects of the config."
+            f"Windowed by exp(-t/{windows.exponential:g} s): `torchplate new` writes {{effect: exponential_window, "
+            f"rate: {1 / windows.exponential:.6g}}} into the config, which takes it off."
         )
     notes += _ringing(hits, windows)
     kind = KIND_OF_MOTION[motions.pop()]
@@ -122,6 +122,7 @@ def _measurement(
         coherence=torch.from_numpy(coherence) if bool(np.isfinite(coherence).any()) else None,
         source=hits[references[0]].recording.source,
         notes=tuple(notes),
+        window=0.0 if windows is None or windows.exponential is None else 1 / windows.exponential,
     )
 
 

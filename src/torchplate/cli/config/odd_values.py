@@ -89,6 +89,11 @@ def _places(model: PlateModel) -> Iterator[str]:
 
 def _windows(model: PlateModel, frfs: Measurement) -> Iterator[str]:
     """Windows that make peaks broader than they are, or that end nothing."""
+    if frfs.window and not any(isinstance(one, ExponentialWindow) for one in model.effects.values()):
+        yield (
+            f"The FRFs were windowed by exp(-{frfs.window:.4g} t/s), and no effect of the config takes it off. Add "
+            f"window: {{effect: exponential_window, rate: {frfs.window:.6g}}} to the effects."
+        )
     record = None if frfs.step is None else 1 / frfs.step
     low, high = model.values(model.space.low), model.values(model.space.high)
     for label, effect in model.effects.items():
