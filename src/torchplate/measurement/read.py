@@ -21,7 +21,10 @@ _HITS = "Time records of hits become FRFs by `torchplate frf`"
 _OF_NATURAL_FREQUENCIES = (
     "natural frequencies go into a config, as measurement: {natural_frequencies: {1: 41.3, 2: 77.9}}"
 )
-_FRFS = "FRFs in columns get their nodes by torchplate frf FILE --response 3 --reference 28 102 --out FRFS.uff"
+_FRFS = (
+    "FRFs in columns get their nodes by torchplate frf FILE --response 3 --reference 28 102 --out FRFS.uff, or are "
+    "exported as UFF 58"
+)
 _TABLE = f"{_HITS}; {_FRFS}; {_OF_NATURAL_FREQUENCIES}"
 WAY_ON: Final = {
     ".csv": _TABLE,
