@@ -3,6 +3,7 @@
 import importlib.metadata
 import json
 from io import StringIO
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -15,6 +16,7 @@ from torchplate.cli.verbs.diagnose import diagnose
 from torchplate.cli.verbs.run import run
 from torchplate.measurement import Measurement
 
+ROOT = Path(__file__).parents[2]
 DE_KEYS = ["strategy", "differential_weight", "crossover_rate"]
 
 
@@ -55,6 +57,38 @@ def test_a_level_in_g_is_said_by_run_and_by_diagnose(bench, make_config, monkeyp
     with pytest.raises(InterruptedError):
         diagnose(path, bench.folder / "diagnosis", console=printed)
     assert any("g that are labelled m/s²" in line for line in notes(printed.file.getvalue()))
+
+
+REAL = sorted((ROOT / "configs" / "real").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", [*REAL, ROOT / "configs" / "measured_frequencies.yaml"], ids=lambda path: path.stem)
+def test_configs_of_measured_plates_are_right_and_pass_without_a_word(path):
+    recipe = load_run(path)
+    file = recipe.config.measurement.file
+    if file is not None and not (path.parent / file).exists():
+        pytest.skip(f"the measurement is not part of the project: {file}")
+    frfs = recipe.measurement()
+    told = set() if frfs is None else {recipe.placement(frfs).remark, *frfs.notes}
+    assert set(recipe.remarks(recipe.model())) == told
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(
+    ("truth", "name"), [("virtual_plate", "steel_plate"), ("hidden_effect_truth", "hidden_effect")]
+)
+def test_configs_of_virtual_plates_pass_without_a_word_and_another_density_does_not(truth, name, command, tmp_path):
+    command("simulate", ROOT / "configs" / f"{truth}.yaml", "--out", tmp_path / "test.uff")
+    set_file = f"measurement.file={tmp_path / 'test.uff'}"
+    right, wrong = (
+        recipe.remarks(recipe.model())[1:]
+        for density in (7860, 2700)
+        for recipe in (load_run(ROOT / "configs" / f"{name}.yaml", [set_file, f"effects.plate.density={density}"]),)
+    )
+    assert right == ()
+    (sentence,) = wrong
+    assert "effects.plate.density" in sentence
+    assert "(as of steel, stainless steel" in sentence
 
 
 def test_natural_frequencies_alone_are_looked_at_too(bench, make_config):

@@ -414,6 +414,27 @@ MISTAKES = {
         ["effects.soft.factor", "in per cent, write 0.5"],
         {"effects.soft": {"effect": "stiffness_loss", "x": 0.4, "y": 0.6, "size": 0.3, "factor": 50.0}},
     ),
+    # Numbers of another plate, usual ones by themselves
+    "density of aluminium beside a table": Mistake(
+        SAID,
+        ["times the measured ones", "effects.plate.density 9717", "weigh the plate"],
+        {"measurement": {"natural_frequencies": {4: 79.0, 5: 86.2, 6: 180.0}}, "effects.plate.density": 2700.0},
+    ),
+    "places of supports in m": Mistake(
+        SAID,
+        ["effects.cords.at", "as metres", "write [[0.122, 0], [0.878, 0]]"],
+        {"effects.cords": {"effect": "support_spring", "at": [[0.05, 0.0], [0.36, 0.0]], "stiffness": 40.0}},
+    ),
+    "time constant of a window for its rate": Mistake(
+        SAID,
+        ["effects.window.rate", "time constant, write 14.3"],
+        {"effects.window": {"effect": "exponential_window", "rate": 0.07}},
+    ),
+    "rate of a window in per cent": Mistake(
+        SAID,
+        ["effects.window.rate", "95 1/s makes every peak 30.2 Hz wide", "If the window falls to 95 %"],
+        {"effects.window": {"effect": "exponential_window", "rate": 95.0}},
+    ),
 }
 
 
@@ -437,7 +458,7 @@ def test_a_mistake_gets_one_sentence_with_its_remedy(bench, make_config, command
 
 
 def test_there_are_seven_dozen_of_them():
-    assert len(MISTAKES) >= 84
+    assert len(MISTAKES) >= 88
 
 
 @pytest.mark.parametrize(

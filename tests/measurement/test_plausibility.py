@@ -149,6 +149,25 @@ def test_a_table_of_natural_frequencies_is_compared_mode_by_mode():
     assert "thickness in centimetres (write 0.0027)" in sentence
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"density": 2700.0}, ["effects.sheet.density", "(as of steel, stainless steel"]),
+        ({"youngs_modulus": (5.6e10, 8.4e10)}, ["effects.sheet.youngs_modulus", "(as of steel, stainless steel"]),
+        ({"thickness": 0.0054}, ["effects.sheet.thickness"]),
+    ],
+)
+@pytest.mark.parametrize("mesh", [RECTANGLE, SQUARE], ids=["rectangle", "square"])
+def test_a_number_of_another_plate_is_named_beside_a_table(mesh, changes, words):
+    """All modes are off by one factor, which no other numbers of the modes explain."""
+    values = plate(mesh, box=False).natural_frequencies(torch.zeros(0, dtype=torch.float64), 14).tolist()
+    table = NaturalFrequencies.from_mapping({mode: values[mode - 1] for mode in range(4, 15)})
+    assert disagreements(plate(mesh), table=table) == ()
+    (sentence,) = disagreements(plate(mesh, **changes), table=table)
+    assert "times the measured ones, whatever the values in the intervals" in sentence
+    assert all(word in sentence for word in words), sentence
+
+
 def test_many_searched_parameters_cost_no_more_than_their_number():
     from torchplate.measurement.plausibility import _members
 

@@ -168,6 +168,24 @@ def test_nodes_of_dataset_2411_are_read_in_the_units_of_dataset_164(record_58, t
     np.testing.assert_allclose(measurement.frf[:, 0, 0].numpy(), VALUES, rtol=1e-11)
 
 
+def test_places_are_in_the_units_that_stand_before_them_where_a_file_states_several(record_58, tmp_path):
+    """Two files that were put together: the last units are not those of the first one's places."""
+
+    def units(factor: str) -> list[str]:
+        head = ["    -1", "   164", f"{9:10d}{'its own':20s}{2:10d}"]
+        return [*head, f"    {factor}   1.0000000000000000D+00   1.0000000000000000D+00", "    2.73D+02", "    -1"]
+
+    nodes = ["    -1", "  2411"]
+    for label, x in ((9, "1.2500000000000000D+02"), (4, "0.0000000000000000D+00")):
+        nodes += [f"{label:10d}{0:10d}{0:10d}{11:10d}", f"{x:>25s}{x:>25s}{'0.0000000000000000D+00':>25s}"]
+    text = [*units("1.0000000000000000D+03"), *nodes, "    -1", *units("1.0000000000000000D+00")]
+    path = tmp_path / "two.unv"
+    path.write_bytes("".join(f"{line}\n" for line in text).encode() + good(record_58))
+    measurement = read_measurement(path)
+    assert measurement.reference[0].coordinate == pytest.approx((0.125, 0.125, 0.0))
+    assert any("different units (dataset 164)" in note for note in measurement.notes)
+
+
 def test_dataset_164_scales_the_length_and_the_force_of_the_level(record_58, tmp_path):
     units = ["    -1", "   164", f"{8:10d}{'mm, kilogram f':20s}{2:10d}"]
     units += ["    1.0000000000000000D+03   1.0197162129779283D-01   1.0000000000000000D+00"]

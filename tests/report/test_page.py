@@ -1,12 +1,14 @@
 """A page says what it is told and nothing else: its text stays text, its tables, figures and sections have names."""
 
 import importlib.util
+import io
 import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import pytest
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 
 from torchplate.report.channel_names import explained
@@ -20,11 +22,11 @@ from torchplate.report.document import (
     Picture,
     Table,
 )
-from torchplate.report.drawing import VARIABLES, pdf, png, svg
+from torchplate.report.drawing import VARIABLES, lay_out, pdf, png, svg
 from torchplate.report.markdown import markdown
 from torchplate.report.page import page
 from torchplate.report.page_style import style
-from torchplate.report.style import BEFORE, INK, NARROW, ON_DARK
+from torchplate.report.style import BEFORE, INK, NARROW, ON_DARK, TITLE, dress
 
 _spec = importlib.util.spec_from_file_location("samples", Path(__file__).with_name("samples.py"))
 assert _spec is not None
@@ -164,6 +166,32 @@ def test_a_figure_that_is_laid_out_is_drawn_once_for_each_picture(monkeypatch):
         draws.clear()
     # It was laid out.
     assert figure.axes[0].get_position().bounds != before
+
+
+def test_ticks_are_laid_out_for_labels_that_are_there_alone_and_the_picture_is_the_same(monkeypatch):
+    def drawn() -> Figure:
+        figure = Figure(figsize=(4, 3), layout="constrained")
+        for axes, label in zip(figure.subplots(2, 1, sharex=True), ("amplitude", ""), strict=True):
+            axes.semilogy([3.0, 7.0, 11.0], [1e-3, 40.0, 0.2])
+            axes.set_title("3w/28w", loc="left", y=TITLE)
+            axes.set_ylabel(label)
+            dress(axes)
+        return figure
+
+    plain, once = io.BytesIO(), drawn()
+    once.get_layout_engine().execute(once)
+    once.set_layout_engine(None)
+    once.savefig(plain, format="png", dpi=80)
+    sought = []
+    labelled = Axis._get_tick_boxes_siblings
+    monkeypatch.setattr(
+        Axis, "_get_tick_boxes_siblings", lambda axis, renderer: sought.append(axis) or labelled(axis, renderer)
+    )
+    laid_out, figure = io.BytesIO(), drawn()
+    lay_out(figure)
+    figure.savefig(laid_out, format="png", dpi=80)
+    assert laid_out.getvalue() == plain.getvalue()
+    assert {axis.label.get_text() for axis in sought} == {"amplitude"}
 
 
 def test_the_name_of_a_channel_is_explained_once_before_it_is_first_used():

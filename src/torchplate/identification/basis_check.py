@@ -103,11 +103,23 @@ def wanted(objective: Objective) -> tuple[Tensor | None, int]:
     return None if frfs is None else frfs.frequency, n_mode if modal is None else modal.n_mode
 
 
-def estimated(objective: Objective, searched: Objective, outcome: Outcome | None) -> float | None:
-    """The greatest estimated error of FRFs among the best members of the last population."""
+def estimated(objective: Objective, searched: Objective, outcome: Outcome | None, at_best: float) -> float | None:
+    """The greatest estimated error of FRFs among the best members of the last population.
+
+    Args:
+        objective: of the full model.
+        searched: the same in the basis that was searched in.
+        outcome: of the search.
+        at_best: the basis's error at the best member.
+    """
     lines = wanted(objective)[0]
     if outcome is None or lines is None:
         return None
+    basis = searched.model.assembly.basis
+    if basis is not None and basis.shape[0] == basis.shape[1]:
+        # All dofs are in it: what is wrong is rounding, at one member as at the next, and the residuals of so many
+        # vectors take longer than the search.
+        return at_best
     order = outcome.fitness.flatten().argsort()[:N_ESTIMATED]
     members = objective.model.space.to_si(outcome.population.flatten(0, -2)[order])
     return float(estimated_error(objective.model, searched.model, members, lines).max())

@@ -186,7 +186,7 @@ def _result(
         result,
         caveats=result.caveats + said,
         basis_error=error,
-        basis_error_of_population=estimated(objective, searched, outcome),
+        basis_error_of_population=estimated(objective, searched, outcome, error),
     )
 
 

@@ -30,6 +30,14 @@ SWING: Final = 4.0
 apart, by 2.76. So what lies below such a gap is the plate on its cords."""
 N_SWING: Final = 6
 """Rigid-body modes of a plate on cords, at most."""
+YOUNG_RATIOS: Final = (0.05, 0.07, 0.1, 0.14, 0.2)
+"""E_y/E_x of wood with its grain along x that are tried; their inverses, with its grain along y [-]. Wood Handbook
+(FPL-GTR-190, 2010), table 5-1: softwoods 8 to 25 times as stiff along the grain as across."""
+SHEAR_FACTORS: Final = (0.5, 0.7, 1.0, 1.4)
+GRAINS: Final = tuple((ratio**way, shear) for way in (1, -1) for ratio in YOUNG_RATIOS for shear in SHEAR_FACTORS)
+"""E_y/E_x and G over its isotropic value [-] of plates of wood that a test is held against."""
+N_ELEMENT: Final = 80
+"""Of a mesh that tells the order of the modes, and no more."""
 MOST_FRFS: Final = 16
 N_MODE: Final = 40
 POWER: Final = {"receptance": 0, "mobility": 1, "accelerance": 2}
@@ -42,11 +50,21 @@ class Stretch(NamedTuple):
         factor: On all natural frequencies of each model, where it is nearest to the test [-].
         left: Variance of the FRFs' decibels that it leaves then, as a part of what one level for all leaves [-].
         n_peak: Peaks of the test in the band that was looked at.
+        level: The test's level over each model's there, both in SI units [-].
+        tried: All factors that each model was held against the test with [-], and `left_by` what each leaves [-].
     """
 
     factor: Float[Tensor, " n_model"]
     left: Float[Tensor, " n_model"]
     n_peak: int
+    level: Float[Tensor, " n_model"]
+    tried: Float[Tensor, "n_model n_tried"]
+    left_by: Float[Tensor, "n_model n_tried"]
+
+    def left_within(self, low: float, high: float) -> Float[Tensor, " n_model"]:
+        """The least that factors from `low` to `high` leave [-]; infinite where none was tried."""
+        inside = (self.tried >= low) & (self.tried <= high)
+        return torch.where(inside, self.left_by, torch.inf).amin(-1)
 
 
 @torch.no_grad()
@@ -83,7 +101,7 @@ def stretched(
     shift = round(math.log(REACH) / STEP)
     lines = (low + STEP * torch.arange(-shift, len(grid) + shift, dtype=torch.float64)).exp()
     total = float((measured - measured.mean()).square().mean())
-    factor, left = [], []
+    factors, variances, levels = [], [], []
     for hertz, parts in zip(frequency, residue, strict=True):
         # The first mode at the first peak is where the factor counts from.
         begin = seen[0] / float(hertz[n_rigid])
@@ -92,11 +110,27 @@ def stretched(
         level = 20 * frf.abs().clamp(min=1e-300).log10() + 20 * POWER[cut.kind] * lines.log10()[:, None]
         apart = measured.mT - level.unfold(0, len(grid), 1)
         variance = (apart - apart.mean((1, 2), keepdim=True)).square().mean((1, 2))
-        best = int(variance.argmin())
-        factor.append(begin * math.exp(STEP * (shift - best)))
-        left.append(float(variance[best]) / max(total, 1e-300))
-    n_peak = sum(peak <= top for peak in seen)
-    return Stretch(torch.tensor(factor, dtype=torch.float64), torch.tensor(left, dtype=torch.float64), n_peak)
+        variances.append(variance / max(total, 1e-300))
+        factors.append(begin * (STEP * (shift - torch.arange(len(variance), dtype=torch.float64))).exp())
+        levels.append(float(apart[int(variance.argmin())].median()))
+    tried, left_by = torch.stack(factors), torch.stack(variances)
+    best = left_by.argmin(-1, keepdim=True)
+    # Poles are in Hz² and the lines of a kind in Hz to its power, where the FRFs have rad/s.
+    scale = (2 * math.pi) ** (2 - POWER[cut.kind])
+    return Stretch(
+        factor=tried.gather(-1, best)[:, 0],
+        left=left_by.gather(-1, best)[:, 0],
+        n_peak=sum(peak <= top for peak in seen),
+        level=scale * 10 ** (torch.tensor(levels, dtype=torch.float64) / 20),
+        tried=tried,
+        left_by=left_by,
+    )
+
+
+def coarse_cells(length_x: float, length_y: float) -> tuple[int, int]:
+    """Elements along each side of a mesh that is good enough to be held against a test."""
+    n_x = min(max(round(math.sqrt(N_ELEMENT * length_x / length_y)), 6), N_ELEMENT // 6)
+    return n_x, N_ELEMENT // n_x
 
 
 def _above_swinging(bottom: float, seen: list[float]) -> tuple[float, list[float]]:

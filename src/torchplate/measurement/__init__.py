@@ -26,6 +26,7 @@ Map:
     plausibility: whether a model and a measurement can belong together: frequencies, kind and level
     recording: time records of hits, cut and checked
     record_files: time records from files of any kind, with the nodes that belong to them
+    frf_tables: FRFs in tables that name no nodes, from MAT, NPZ, CSV and text
     text_table: cells, units and numbers of a table that is text
     record_tables: tables of channels from WAV, MAT, NPZ, CSV and LVM files
     mat_elements: what a MAT file holds, walked before SciPy reads it
@@ -43,6 +44,7 @@ from torchplate.measurement.archive import plain
 from torchplate.measurement.contents import Contents, Part, describe
 from torchplate.measurement.estimate import ESTIMATES, Estimate, Windows, estimate
 from torchplate.measurement.frame import METRES, Frame, in_frame
+from torchplate.measurement.frf_tables import FrfTable, frfs_of_tables, read_frf_table
 from torchplate.measurement.from_hits import frf_of_hits
 from torchplate.measurement.geometry import Proposal, Said, propose
 from torchplate.measurement.imperfections import CAREFUL, PERFECT, Imperfections
@@ -55,7 +57,7 @@ from torchplate.measurement.nodes import read_nodes, with_nodes
 from torchplate.measurement.noise import Noise, noise_level
 from torchplate.measurement.placement import Match, Placement, place, place_points
 from torchplate.measurement.plausibility import disagreements
-from torchplate.measurement.quality import Quality, assess, peaks, summed_amplitude
+from torchplate.measurement.quality import Quality, assess, peak_width, peaks, summed_amplitude
 from torchplate.measurement.read import (
     FRF_SUFFIX,
     MODAL_SUFFIX,
@@ -93,6 +95,7 @@ __all__ = [
     "Cutting",
     "Estimate",
     "Frame",
+    "FrfTable",
     "Hammer",
     "Hits",
     "Imperfections",
@@ -120,16 +123,19 @@ __all__ = [
     "disagreements",
     "estimate",
     "frf_of_hits",
+    "frfs_of_tables",
     "hammer_test",
     "in_frame",
     "is_modal_table",
     "modes",
     "noise_level",
+    "peak_width",
     "peaks",
     "place",
     "place_points",
     "plain",
     "propose",
+    "read_frf_table",
     "read_geometry",
     "read_measurement",
     "read_modal_model",

@@ -17,9 +17,13 @@ from torchplate.notation import percent
 ALIAS_FREE: Final = 2.56
 """Samples per hertz that analysers take; above rate / 2.56 the anti-alias filter is at work."""
 
-RINGING: Final = 0.1
+RINGING, NOISY = 0.03, 0.1
 """Root mean square of a response in the last twentieth of its record, over that of the whole record [-]: from here on
-FRFs leak. One that has decayed to 3 % of its beginning has 0.08."""
+FRFs leak, the second where its noise is not known. Of a plate with a loss of a hundredth, whose upper modes have died
+by then, the lowest mode is at 13 % of its beginning where all together are at 0.04."""
+ENDED: Final = 7.0
+"""Time constants of the window that is proposed in a record: it ends at a thousandth. At four, a fiftieth, what is cut
+off is still more than the noise of a quiet test, and was taken for another window."""
 
 
 def frf_of_hits(
@@ -102,8 +106,8 @@ def _measurement(
                 coherence[:, j, k] = found[reference].coherence[keep, column]
     if windows is not None and windows.exponential is not None:
         notes.append(
-            f"Windowed by exp(-t/{windows.exponential:g} s): add {{effect: exponential_window, rate: "
-            f"{1 / windows.exponential:.6g}}} to the effects of the config."
+            f"Windowed by exp(-t/{windows.exponential:g} s): `torchplate new` writes {{effect: exponential_window, "
+            f"rate: {1 / windows.exponential:.6g}}} into the config, which takes it off."
         )
     notes += _ringing(hits, windows)
     kind = KIND_OF_MOTION[motions.pop()]
@@ -118,6 +122,7 @@ def _measurement(
         coherence=torch.from_numpy(coherence) if bool(np.isfinite(coherence).any()) else None,
         source=hits[references[0]].recording.source,
         notes=tuple(notes),
+        window=0.0 if windows is None or windows.exponential is None else 1 / windows.exponential,
     )
 
 
@@ -125,11 +130,10 @@ def _ringing(hits: dict[int, Hits], windows: Windows | None) -> list[str]:
     """What is to be said of responses that are cut off while they ring."""
     left = {reference: _left_at_end(own, windows) for reference, own in hits.items()}
     worst = max(left, key=lambda reference: left[reference])
-    if left[worst] <= RINGING:
-        return []
     own = hits[worst]
-    # Where it ends at exp(-4), a fiftieth.
-    window = own.force.shape[1] / own.rate / 4
+    if left[worst] <= (RINGING if _n_before(own) else NOISY):
+        return []
+    window = own.force.shape[1] / own.rate / ENDED
     return [
         f"The responses still ring where their records end, after a hit at {worst} at {percent(left[worst], 2)} of "
         "their mean level: the FRFs leak, and their peaks are too low and too broad. Record longer, or give "
@@ -140,12 +144,17 @@ def _ringing(hits: dict[int, Hits], windows: Windows | None) -> list[str]:
 def _left_at_end(hits: Hits, windows: Windows | None) -> float:
     """Level of the responses in the last twentieth of their records over that of the whole [-], noise taken off."""
     n = hits.force.shape[1]
-    n_last, force = max(n // 20, 1), np.abs(hits.force)
-    n_before = int((force > 0.05 * force.max(axis=1, keepdims=True)).argmax(axis=1).min()) * 3 // 4
+    n_last, n_before = max(n // 20, 1), _n_before(hits)
     square = np.square(hits.response)
-    # What was there before the hit is noise; of fewer samples that cannot be said.
-    noise = square[..., :n_before].mean(-1) if n_before >= 8 else np.zeros(square.shape[:-1])
+    noise = square[..., :n_before].mean(-1) if n_before else np.zeros(square.shape[:-1])
     if windows is not None and windows.exponential is not None:
         square = square * np.exp(-2 * np.arange(n) / hits.rate / windows.exponential)
     last, whole = (np.maximum(part.mean(-1) - noise, 0.0).sum() for part in (square[..., -n_last:], square))
     return float(np.sqrt(last / whole)) if whole > 0 else 0.0
+
+
+def _n_before(hits: Hits) -> int:
+    """Samples before each hit, which are noise; 0 where they are too few to say so."""
+    force = np.abs(hits.force)
+    n_before = int((force > 0.05 * force.max(axis=1, keepdims=True)).argmax(axis=1).min()) * 3 // 4
+    return n_before if n_before >= 8 else 0

@@ -144,7 +144,9 @@ def hertz_of(label: str) -> float | None:
 
 def is_unit(label: str) -> bool:
     """Whether a cell of a table is the unit of its column."""
-    return _plain(label) in _OTHER or second_of(label) is not None or quantity_of(label) is not None
+    known = _plain(label) in _OTHER | {*_HERTZ} or second_of(label) is not None or quantity_of(label) is not None
+    motion, slash, force = label.strip("()[] ").rpartition("/")
+    return known or (slash != "" and quantity_of(motion) is not None and quantity_of(force) == "force")
 
 
 def quantity_of(label: str) -> str | None:

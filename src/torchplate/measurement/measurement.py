@@ -77,6 +77,8 @@ class Measurement:
         coherence: Ordinary coherence γ², 0 to 1, or None where no pair has one. NaN where a pair has none.
         source: Path or name of where the numbers come from.
         notes: What the reader had to assume or leave out, one sentence each.
+        window: Rate of the exponential window over force and responses [1/s], 0 where none is known of; the effect
+            `exponential_window` takes it off.
 
     Raises:
         MeasurementError: Shapes that do not fit, a frequency axis that does not rise, values that are not
@@ -93,6 +95,7 @@ class Measurement:
     coherence: Float[Tensor, "n_frequency n_response n_reference"] | None = None
     source: str = ""
     notes: tuple[str, ...] = ()
+    window: float = 0.0
 
     def __post_init__(self) -> None:
         shape = (len(self.frequency), len(self.response), len(self.reference))
@@ -246,14 +249,16 @@ class Measurement:
     def to_npz(self, path: Path) -> None:
         """Write every field to a NumPy archive, exactly.
 
-        Keys: frequency, frf, measured, kind, unit, notes, coherence (where there is one), and for both ends
+        Keys: frequency, frf, measured, kind, unit, notes, window, coherence (where there is one), and for both ends
         `response` and `reference` (node labels), `response_direction`, `response_coordinate` [m] (NaN where
         there is none), likewise `reference_...`.
         """
         tensors = {"frequency": self.frequency, "frf": self.frf, "measured": self.measured}
         if self.coherence is not None:
             tensors["coherence"] = self.coherence
-        arrays: dict[str, Any] = {key: value.detach().cpu().numpy() for key, value in tensors.items()}
+        arrays: dict[str, Any] = {"window": np.float64(self.window)} | {
+            key: value.detach().cpu().numpy() for key, value in tensors.items()
+        }
         for end, channels in (("response", self.response), ("reference", self.reference)):
             places = [c.coordinate or (np.nan,) * 3 for c in channels]
             arrays[end] = np.array([c.node for c in channels], dtype=np.int64)
@@ -286,7 +291,8 @@ class Measurement:
         if missing:
             raise MeasurementError(
                 f"{path}: expected the keys frequency, frf, response and reference, got "
-                f"{', '.join(sorted(arrays))}. Add {', '.join(missing)}."
+                f"{', '.join(sorted(arrays))}. Add {', '.join(missing)}, or name the nodes of FRFs by torchplate frf "
+                f"{Path(path).name} --response 3 --reference 28 102 --out FRFS.uff."
             )
         named = kind or (str(arrays["kind"]) if "kind" in arrays else None)
         if named is None:
@@ -328,7 +334,14 @@ class Measurement:
             coherence=None if coherence is None else torch.from_numpy(coherence.astype(np.float64)),
             source=str(path),
             notes=tuple(plain(str(note)) for note in arrays.get("notes", np.array([], dtype=np.str_))),
+            window=_rate(arrays["window"], path) if "window" in arrays else 0.0,
         )
+
+
+def _rate(given: np.ndarray, path: Path) -> float:
+    if given.size != 1 or given.dtype.kind not in "iuf" or not 0 <= float(given.reshape(-1)[0]) < MOST:
+        raise MeasurementError(f"{path}: expected the rate of a window in 1/s, got {given!r:.80}. Leave `window` out.")
+    return float(given.reshape(-1)[0])
 
 
 def _channels(arrays: dict[str, np.ndarray], end: str, path: Path) -> tuple[Channel, ...]:

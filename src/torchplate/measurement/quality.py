@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -240,6 +241,28 @@ def peaks(measurement: Measurement, prominence: float = 3.0) -> list[float]:
     decibel = 20 * torch.log10(amplitude.clamp(min=1e-10 * max(float(amplitude.max()), 1e-300)))
     index, _ = find_peaks(decibel.numpy(), prominence=prominence)
     return [float(measurement.frequency[int(i)]) for i in index]
+
+
+def peak_width(measurement: Measurement, prominence: float = 12.0) -> float | None:
+    """The median width of the clear peaks between half their power [Hz]; None with fewer than three of them.
+
+    Args:
+        measurement: lines finer than its peaks, or the width is that of the lines.
+        prominence: as for `peaks`, at least twice the 3 dB that a width is read at.
+    """
+    from scipy.signal import find_peaks, peak_widths
+
+    power = summed_amplitude(measurement).square().numpy()
+    decibel = 10 * np.log10(np.clip(power, 1e-20 * max(float(power.max()), 1e-300), None))
+    index, _ = find_peaks(decibel, prominence=prominence)
+    if len(index) < 3:
+        return None
+    # At half of each peak's own height, not of its prominence.
+    own = (power[index], np.zeros(len(index), dtype=int), np.full(len(index), len(power) - 1))
+    _, _, left, right = peak_widths(power, index, rel_height=0.5, prominence_data=own)
+    lines = np.arange(len(power))
+    ends = (np.interp(side, lines, measurement.frequency.numpy()) for side in (right, left))
+    return float(np.median(np.subtract(*ends)))
 
 
 def runs_backwards(measurement: Measurement) -> bool:

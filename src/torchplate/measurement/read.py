@@ -21,16 +21,22 @@ _HITS = "Time records of hits become FRFs by `torchplate frf`"
 _OF_NATURAL_FREQUENCIES = (
     "natural frequencies go into a config, as measurement: {natural_frequencies: {1: 41.3, 2: 77.9}}"
 )
-_TABLE = f"{_HITS}; {_OF_NATURAL_FREQUENCIES}; for FRFs export UFF 58"
+_FRFS = (
+    "FRFs in columns get their nodes by torchplate frf FILE --response 3 --reference 28 102 --out FRFS.uff, or are "
+    "exported as UFF 58"
+)
+_TABLE = f"{_HITS}; {_FRFS}; {_OF_NATURAL_FREQUENCIES}"
 WAY_ON: Final = {
     ".csv": _TABLE,
     ".txt": _TABLE,
     **dict.fromkeys((".yaml", ".yml"), "That is a config, which torchplate run and torchplate diagnose take"),
     **dict.fromkeys((".gz", ".zip", ".7z", ".rar"), "Unpack it"),
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), f"Save the sheet as CSV. {_FRFS}"),
+    **dict.fromkeys((".h5", ".hdf5", ".npy"), f"Save it by numpy.savez, with the frequencies. {_FRFS}"),
+    ".tdms": f"Export it as LVM or CSV. {_HITS}",
     ".wav": _HITS,
     ".lvm": _HITS,
-    ".mat": f"{_HITS}; for FRFs export UFF 58, or numpy.savez of frequency [n], frf [n, response, reference] and the "
-    "node numbers response and reference",
+    ".mat": f"{_HITS}; {_FRFS}",
 }
 """What a file of another kind is good for."""
 
@@ -48,6 +54,8 @@ def read_measurement(path: Path, kind: str | None = None, normal: int = 3) -> Me
         MeasurementError: The file is absent, has another suffix, or cannot be used.
     """
     suffix = path.suffix.lower()
+    if suffix not in (*UFF_SUFFIX, ".npz", *WAY_ON) and _begins_as_uff(path):
+        raise MeasurementError(f"{path}: expected a universal file to end in .uff, got one without. Rename it.")
     if suffix not in (*UFF_SUFFIX, ".npz"):
         raise MeasurementError(
             f"{path}: expected a measurement in a {', '.join(UFF_SUFFIX)} or .npz file, got the suffix "
@@ -57,6 +65,14 @@ def read_measurement(path: Path, kind: str | None = None, normal: int = 3) -> Me
         came = "a folder" if path.is_dir() else "none there"
         raise MeasurementError(f"{path}: expected a measurement file, got {came}. Check the path.")
     return Measurement.from_npz(path, kind) if suffix == ".npz" else read_uff(path, kind, normal)
+
+
+def _begins_as_uff(path: Path) -> bool:
+    """Whether a file has the first line of a universal file: -1 in the fifth and sixth column."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return [line.rstrip() for line in file.read(82).splitlines()[:1]] == [b"    -1"]
 
 
 @reads("a modal model")

@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,8 @@ FORCE_NAME: Final = re.compile(
 RATE_NAME: Final = ("fs", "rate", "sampling_rate", "sample_rate", "samplerate", "sampling_freq", "fsamp", "sr")
 STEP_NAME: Final = ("dt", "ts", "step")
 TIME_NAME: Final = ("t", "time", "time_s", "zeit")
+
+Number = TypeVar("Number", float, complex)
 
 
 @dataclass(frozen=True)
@@ -47,29 +49,33 @@ def _from_wav(path: Path) -> RecordTable:
     return RecordTable(float(rate), names, (columns.T / full)[None])
 
 
-def _from_mat(path: Path) -> RecordTable:
+def _mat(path: Path) -> Mapping[str, Any]:
     from scipy.io import loadmat
     from scipy.io.matlab import matfile_version
 
     if matfile_version(str(path))[0] == 1:
         check_elements(path.read_bytes())
     try:
-        content = loadmat(path, squeeze_me=True, simplify_cells=True)
+        content: Mapping[str, Any] = loadmat(path, squeeze_me=True, simplify_cells=True)
     except NotImplementedError:
         raise MeasurementError(
             f"{path}: expected a MAT file up to version 7, got version 7.3. Save it with -v7."
         ) from None
-    return _from_mapping(content, path)
+    return content
 
 
-def _from_npz(path: Path) -> RecordTable:
-    return _from_mapping(arrays_of(path), path)
+MAPPINGS: Final[dict[str, Callable[[Path], Mapping[str, Any]]]] = {".mat": _mat, ".npz": arrays_of}
+"""What reads files of arrays by name."""
+
+
+def _from_arrays(path: Path) -> RecordTable:
+    return _from_mapping(MAPPINGS[path.suffix.lower()](path), path)
 
 
 def _from_mapping(content: Mapping[str, Any], path: Path) -> RecordTable:
     """Arrays by name: the rate by its usual names, the force by its own, everything else as long is a response."""
     numbers: dict[str, np.ndarray] = {}
-    for key, value in _flat(content):
+    for key, value in flat(content):
         if isinstance(value, np.ndarray | float | int) and np.issubdtype(np.asarray(value).dtype, np.number):
             numbers[key] = np.asarray(value)
     rate = next((float(v) for k, v in numbers.items() if _word(k) in RATE_NAME and v.size == 1), None)
@@ -82,7 +88,7 @@ def _from_mapping(content: Mapping[str, Any], path: Path) -> RecordTable:
     forces = [k for k in signals if FORCE_NAME.search(_word(k))]
     if not forces or len(signals) < 2:
         raise MeasurementError(
-            f"{path}: expected arrays named force, response and fs (or time), got {', '.join(content) or 'none'}. Save "
+            f"{path}: expected arrays named force, response and fs (or time), got {_named(content)}. Save "
             "them under these names."
         )
     force = np.atleast_2d(signals.pop(forces[0]))
@@ -120,13 +126,19 @@ def _as_hits(value: np.ndarray, n_hit: int, n_sample: int) -> np.ndarray | None:
     return None
 
 
-def _flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+def flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """The values of a mapping and of those within it, by their names with points between."""
     found: list[tuple[str, Any]] = []
     for key, value in content.items():
         if str(key).startswith("__"):
             continue
-        found += _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [(f"{prefix}{key}", value)]
+        found += flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [(f"{prefix}{key}", value)]
     return found
+
+
+def _named(content: Mapping[str, Any]) -> str:
+    """The names in a file, without those of its format."""
+    return ", ".join(key for key in content if not str(key).startswith("__")) or "none"
 
 
 def _word(key: str) -> str:
@@ -135,20 +147,7 @@ def _word(key: str) -> str:
 
 def _from_text(path: Path) -> RecordTable:
     """Columns: time first unless a rate is given, then the channels; a head line names them, and may give units."""
-    heads: list[list[str]] = []
-    rows: list[list[float]] = []
-    for line in lines_of(path):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        cells = cells_of(line)
-        try:
-            rows.append([float(cell) for cell in cells])
-        except ValueError:
-            if rows:
-                raise MeasurementError(
-                    f"{path}: expected numbers in each row, got {line.strip()[:60]!r}. Remove that line."
-                ) from None
-            heads.append(cells)
+    heads, rows = rows_of(path, float)
     widths = {len(row) for row in rows}
     if len(widths) != 1:
         raise MeasurementError(
@@ -156,7 +155,7 @@ def _from_text(path: Path) -> RecordTable:
             f"{'none' if not rows else f'rows of {min(widths)} and {max(widths)} numbers'}. Export it as a table."
         )
     table = np.array(rows).T
-    names, units = _headed([cells for cells in heads if len(cells) == len(table)], len(table))
+    names, units = headed([cells for cells in heads if len(cells) == len(table)], len(table))
     time = _time_column(names, table)
     if time is None:
         return RecordTable(None, names, table[None], units)
@@ -165,7 +164,34 @@ def _from_text(path: Path) -> RecordTable:
     return RecordTable(_rate_of(seconds, path), names[time + 1 :], table[None, time + 1 :], units[time + 1 :])
 
 
-def _headed(heads: list[list[str]], n_column: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def rows_of(path: Path, number: Callable[[str], Number]) -> tuple[list[list[str]], list[list[Number]]]:
+    """The cells of the lines above a table of numbers, and its rows.
+
+    Args:
+        path: Of the text.
+        number: A cell as a number; a ValueError where it is none.
+
+    Raises:
+        MeasurementError: A line within the table that is no row of numbers.
+    """
+    heads: list[list[str]] = []
+    rows: list[list[Number]] = []
+    for line in lines_of(path):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        cells = cells_of(line)
+        try:
+            rows.append([number(cell) for cell in cells])
+        except ValueError:
+            if rows:
+                raise MeasurementError(
+                    f"{path}: expected numbers in each row, got {line.strip()[:60]!r}. Remove that line."
+                ) from None
+            heads.append(cells)
+    return heads, rows
+
+
+def headed(heads: list[list[str]], n_column: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Name and unit of each column, from a line of names and, below it, one of units."""
     if not heads:
         return tuple(f"column {i}" for i in range(1, n_column + 1)), ("",) * n_column
@@ -241,8 +267,8 @@ def _from_lvm(path: Path) -> RecordTable:
 
 READERS: Final[dict[str, Callable[[Path], RecordTable]]] = {
     ".wav": _from_wav,
-    ".mat": _from_mat,
-    ".npz": _from_npz,
+    ".mat": _from_arrays,
+    ".npz": _from_arrays,
     ".csv": _from_text,
     ".txt": _from_text,
     ".lvm": _from_lvm,

@@ -1,6 +1,7 @@
 """FRFs and coherence of a universal file (dataset 58, ASCII or binary) as one measurement, with nodes and units."""
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -23,6 +24,8 @@ from torchplate.measurement.uff_geometry import Point, geometry_of
 
 FUNCTION_TYPE: Final = {0: "unknown", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "FRF"}
 FUNCTION_TYPE_READ: Final = {4: "FRF", 5: "transmissibility", 6: "coherence"}
+WINDOW: Final = re.compile(r"exponential window of (\d[\d.]*(?:e[-+]?\d+)?) 1/s")
+"""As `uff_writer.windowed` writes it."""
 SHAPES: Final = {55: "data at nodes, such as mode shapes", 2414: "analysis data, such as mode shapes"}
 
 
@@ -235,7 +238,14 @@ def _assemble(
         coherence=torch.from_numpy(coherence) if bool(np.isfinite(coherence).any()) else None,
         source=str(path),
         notes=tuple(notes),
+        window=_window(frfs),
     )
+
+
+def _window(frfs: list[Record]) -> float:
+    """Rate of the exponential window that the FRFs' first lines state as `uff_writer` does [1/s]; 0 where none does."""
+    found = {match.group(1) if (match := WINDOW.search(r.text)) else "0" for r in frfs}
+    return float(found.pop()) if len(found) == 1 else 0.0
 
 
 def _same_lines(record: Record, first: Record, path: Path) -> None:

@@ -41,19 +41,27 @@ def geometry_of(file: UffFile) -> Geometry:
         MeasurementError: A dataset does not parse, or a node is in a system whose axes cannot be.
     """
     found = Geometry()
-    found.units = _units(file, found.notes)
+    stated = _units(file, found.notes)
+    found.units = next(reversed(stated.values()), Units())
+    if len({*stated.values()}) > 1:
+        found.notes.append(
+            "The file states different units (dataset 164): places are taken in those that stand before them, levels "
+            "without a label of their own in the last."
+        )
     systems = systems_of(file.read(index) for index in file.of_type(18, 2420))
     moved: dict[int, list[int]] = {}
     strange: dict[int, list[int]] = {}
     for index in file.of_type(15, 2411):
         dataset = file.read(index)
+        before = [units for at, units in stated.items() if at < index]
+        units = before[-1] if before else next(iter(stated.values()), Units())
         columns = ("node_nums", "def_cs", "disp_cs", "x", "y", "z")
         for node, of_place, of_direction, *xyz in zip(*(dataset[name] for name in columns), strict=True):
             label, own, ways = int(node), int(of_place), int(of_direction)
             place = _system(systems, own, label, file.path, strange).point(np.array(xyz, dtype=np.float64))
             if own in systems and systems[own] is not GLOBAL:
                 moved.setdefault(own, []).append(label)
-            x, y, z = (place / found.units.length).tolist()
+            x, y, z = (place / units.length).tolist()
             found.places[label] = (x, y, z)
             rows = _system(systems, ways, label, file.path, {}).directions(place)
             found.turned.pop(label, None)
@@ -109,8 +117,9 @@ def read_geometry(path: Path) -> tuple[dict[int, Point], int | None]:
     return geometry.places, axes.index(max(axes)) if any(axes) else None
 
 
-def _units(file: UffFile, notes: list[str]) -> Units:
-    units = Units()
+def _units(file: UffFile, notes: list[str]) -> dict[int, Units]:
+    """Each dataset 164 of a file by its place there."""
+    found: dict[int, Units] = {}
     for index in file.of_type(164):
         dataset = file.read(index)
         stated = Units(float(dataset["length"]), float(dataset["force"]))
@@ -119,11 +128,12 @@ def _units(file: UffFile, notes: list[str]) -> Units:
             # example, as in pyuff's own.
             if stated != Units():
                 notes.append("Dataset 164 says SI but gives other factors; SI was taken.")
+            found[index] = Units()
             continue
         if min(stated) <= 0:
             raise MeasurementError(
                 f"{file.path}: expected positive unit factors in dataset 164, got length {stated.length:g} and force "
                 f"{stated.force:g}. Correct or remove that dataset."
             )
-        units = stated
-    return units
+        found[index] = stated
+    return found

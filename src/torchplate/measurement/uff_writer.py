@@ -109,7 +109,7 @@ def _function(frequency: np.ndarray, value: np.ndarray, ends: tuple[Channel, Cha
     response, reference = (_end(channel, measurement) for channel in ends)
     lines = [
         identity,
-        kind if is_frf else "coherence",
+        (kind + windowed(measurement.window)) if is_frf else "coherence",
         *["NONE"] * 4,
         f"{function_type:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10s}{response} {'NONE':<10s}{reference}",
         f"{6 if is_frf else 4:10d}{len(frequency):10d}{int(even):10d}{first}{step}{_number(0.0)}",
@@ -118,6 +118,11 @@ def _function(frequency: np.ndarray, value: np.ndarray, ends: tuple[Channel, Cha
         _quantity(0, "NONE", "NONE"),
     ]
     return block(lines, table.astype("<f8").tobytes() if header.binary else _text(table, even))
+
+
+def windowed(rate: float) -> str:
+    """What stands in the first line of a dataset 58 of an exponential window's rate [1/s]; `uff.WINDOW` finds it."""
+    return f", exponential window of {rate:.9g} 1/s" if rate > 0 else ""
 
 
 def _quantity(specifier: int, name: str, unit: str) -> str:

@@ -17,7 +17,8 @@
 - `modal_sum`: the sum over modes for many lines at once; `attach`: springs, dashpots and masses attached to it.
 - `shared_modes`: plates that differ by a factor have the same modes, and need no eigenproblem at all; `attached_sum`:
   their modal sums, values in place and gradients by the adjoint.
-- `usual_ranges`: sizes and moduli that no plate has, that few have, and the unit that was meant.
+- `usual_ranges`: sizes and moduli that no plate has, that few have, and the unit that was meant; `would_fit`: which of
+  them would bring the plate to a test, and of what material.
 - `arguments`: theta, lines and places as callers give them, checked.
 - `off_marks`: sensors and hits that are not where the sheet has them, and what moves with a sensor.
 - `declared_plate`: effects, numbers and channels of a plate as a torch module; `plate_variants`: the same with others,
@@ -41,7 +42,8 @@ from torchplate.model.parameter_space import ParameterSpace
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.plate_variants import SINGLE_TOLERANCE
 from torchplate.model.reduced_basis import reduce, ritz_basis, shares_basis, sharing_modes
-from torchplate.model.usual_ranges import coarse, impossible, plate_mass, sizes, unusual
+from torchplate.model.usual_ranges import Span, coarse, impossible, plate_mass, sizes, unusual
+from torchplate.model.would_fit import SectionNumbers, section_numbers
 
 __all__ = [
     "CLOSE",
@@ -58,6 +60,8 @@ __all__ = [
     "PlateModel",
     "Point",
     "Searched",
+    "SectionNumbers",
+    "Span",
     "SparseModel",
     "Stretch",
     "as_kind",
@@ -79,6 +83,7 @@ __all__ = [
     "reciprocal",
     "reduce",
     "ritz_basis",
+    "section_numbers",
     "sensor_chain",
     "shares_basis",
     "sharing_modes",

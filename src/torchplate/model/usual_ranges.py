@@ -97,6 +97,14 @@ class Span(NamedTuple):
         """Both ends times a factor."""
         return Span(factor * self.low, factor * self.high)
 
+    def to_power(self, power: float) -> "Span":
+        """Both ends, above 0, to a power."""
+        return Span(*sorted((self.low**power, self.high**power)))
+
+    def by(self, other: "Span") -> "Span":
+        """All products of numbers above 0."""
+        return Span(self.low * other.low, self.high * other.high)
+
     def as_written(self) -> str:
         """As a config holds it."""
         return f"{self.low:.4g}" if self.low == self.high else f"[{self.low:.4g}, {self.high:.4g}]"

@@ -18,7 +18,7 @@ from torchplate.report.comparison import WITHIN, Compared, comparison_report, co
 from torchplate.report.diagnosis import diagnosis_report
 from torchplate.report.diagnosis_figures import log_figures
 from torchplate.report.document import Table
-from torchplate.report.drawing import png
+from torchplate.report.drawing import lay_out, png
 from torchplate.report.gap_figure import step_tags
 from torchplate.report.quality_figure import quality_figure
 from torchplate.report.run import frf_figures, model_report, run_report
@@ -35,6 +35,7 @@ __all__ = [
     "convergence",
     "diagnosis_report",
     "frf_figures",
+    "lay_out",
     "log_figures",
     "model_report",
     "png",

@@ -27,7 +27,7 @@ VARIABLES = {colour.lower(): f"--c{turn}" for turn, colour in enumerate(ON_DARK)
 def png(figure: Figure, dpi: int = DPI, n_colour: int = 128) -> bytes:
     """A figure as a PNG of few colours, a third of the size."""
     whole, small = io.BytesIO(), io.BytesIO()
-    _lay_out(figure)
+    lay_out(figure)
     figure.savefig(whole, format="png", dpi=dpi)
     with Image.open(whole) as image:
         image.convert("RGB").quantize(n_colour).save(small, format="png", optimize=True)
@@ -38,7 +38,7 @@ def pdf(figure: Figure) -> bytes:
     """A figure for paper: its text is text, and the same figure is the same file."""
     drawn = io.BytesIO()
     with mpl.rc_context(_PDF):
-        _lay_out(figure)
+        lay_out(figure)
         figure.savefig(drawn, format="pdf", metadata={"CreationDate": None})
     return drawn.getvalue()
 
@@ -55,7 +55,7 @@ def svg(figure: Figure, name: str, told: str) -> str:
     """
     drawn = io.StringIO()
     with mpl.rc_context(_SVG | {"svg.hashsalt": name}):
-        _lay_out(figure)
+        lay_out(figure)
         figure.savefig(drawn, format="svg", metadata=_NO_METADATA)
     text = drawn.getvalue()
     text = text[text.index("<svg") :]
@@ -73,8 +73,15 @@ def svg(figure: Figure, name: str, told: str) -> str:
     return f'<svg role="img" aria-label="{html.escape(told)}" {box[0]} width="{4 / 3 * width:.0f}">{body.strip()}'
 
 
-def _lay_out(figure: Figure) -> None:
-    """Lay a figure out once. While it has an engine, be it one that does nothing, saving it draws it twice."""
+def lay_out(figure: Figure) -> None:
+    """Lay a figure out once. While it has an engine, be it one that does nothing, saving it draws it twice.
+
+    Where an axis has no label, a place is told for it: else all its ticks are laid out several times more to find one.
+    """
+    for axes in figure.axes:
+        for axis, place in ((axes.xaxis, (0.5, 0.0)), (axes.yaxis, (0.0, 0.5))):
+            if not axis.label.get_text():
+                axis.set_label_coords(*place)
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)
         with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):

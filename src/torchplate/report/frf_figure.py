@@ -18,6 +18,7 @@ from torchplate.report.style import (
     MUTED,
     NARROW,
     NOISE,
+    TITLE,
     UNSEEN,
     UNSEEN_KEY,
     curves,
@@ -124,10 +125,9 @@ def _draw(amplitude: Axes, phase: Axes, overlay: Overlay, pair: tuple[int, int],
         if heldout:
             one.set_facecolor(UNSEEN)
     change = f"gap {percent(gap.before)}" + (f" → {percent(gap.after)}" if len(models) > 1 else "")
-    amplitude.set_title(measured.pair_label(j, k), loc="left", fontsize=9.5, color=INK, fontweight="bold")
-    amplitude.set_title(
-        f"held out, {change}" if heldout else change, loc="right", fontsize=8.5, color=AFTER if heldout else MUTED
-    )
+    amplitude.set_title(measured.pair_label(j, k), loc="left", y=TITLE, fontsize=9.5, color=INK, fontweight="bold")
+    told, colour = (f"held out, {change}", AFTER) if heldout else (change, MUTED)
+    amplitude.set_title(told, loc="right", y=TITLE, fontsize=8.5, color=colour)
     phase.set(ylim=(-190, 190), yticks=(-180, 0, 180))
 
 

@@ -16,7 +16,7 @@ from torchplate.measurement import Measurement
 from torchplate.model import DENSE, PlateModel, SparseModel
 from torchplate.report.document import Panel
 from torchplate.report.measured_shapes import Shape, measured_shapes, roved
-from torchplate.report.style import INK, MUTED, NARROW, SHADED, SHAPE
+from torchplate.report.style import INK, MUTED, NARROW, SHADED, SHAPE, TITLE
 
 N_MODE = 12
 """Modes that are drawn."""
@@ -164,7 +164,7 @@ def _draw(axes: list[Axes], mode: Mode, sides: tuple[float, float]) -> None:
     field = mode.field.numpy()
     axes[0].contourf(x, y, field, levels=LEVELS, cmap=SHAPE, extend="both").set_gid(SHADED)
     axes[0].contour(x, y, field, levels=[0.0], colors=INK, linewidths=0.8)
-    axes[0].set_title(f"{mode.number}: {mode.frequency:.4g} Hz", fontsize=8.5, color=INK, pad=3)
+    axes[0].set_title(f"{mode.number}: {mode.frequency:.4g} Hz", y=TITLE, fontsize=8.5, color=INK, pad=3)
     for axis in axes:
         axis.add_patch(Rectangle((0, 0), *sides, fill=False, edgecolor=MUTED, lw=1.0))
         axis.set(xlim=(-0.03 * sides[0], 1.03 * sides[0]), ylim=(-0.03 * sides[1], 1.03 * sides[1]), aspect="equal")
@@ -172,10 +172,10 @@ def _draw(axes: list[Axes], mode: Mode, sides: tuple[float, float]) -> None:
     if len(axes) == 1:
         return
     if mode.measured is None:
-        axes[1].set_title("no peak near it", fontsize=8.5, color=MUTED, pad=3)
+        axes[1].set_title("no peak near it", y=TITLE, fontsize=8.5, color=MUTED, pad=3)
         return
     seen = mode.measured
-    axes[1].set_title(f"{seen.frequency:.4g} Hz, MAC {seen.mac:.2f}", fontsize=8.5, color=INK, pad=3)
+    axes[1].set_title(f"{seen.frequency:.4g} Hz, MAC {seen.mac:.2f}", y=TITLE, fontsize=8.5, color=INK, pad=3)
     place = seen.place.numpy() * sides
     value = (seen.value / seen.value.abs().max()).numpy()
     if len(np.unique(place, axis=0)) == len(place):

@@ -16,7 +16,19 @@ from torchplate.identification import nominal
 from torchplate.measurement import Measurement, NaturalFrequencies
 from torchplate.notation import percent
 from torchplate.report.document import Panel
-from torchplate.report.style import COLOURS, INK, MEASURED, MUTED, NARROW, NOMINAL, RESIDUAL, UPDATED, Curve, dress
+from torchplate.report.style import (
+    COLOURS,
+    INK,
+    MEASURED,
+    MUTED,
+    NARROW,
+    NOMINAL,
+    RESIDUAL,
+    TITLE,
+    UPDATED,
+    Curve,
+    dress,
+)
 
 AMPLITUDE = {
     "receptance": "|receptance| [m/N]",
@@ -87,9 +99,9 @@ def frf_figure(drawn: Drawn, pairs: Sequence[Pair], narrow: bool = False) -> Fig
             axis.set_ylim(positive.min() / 5, positive.max() * 3)
             # Of at least a decade its tens have labels; to lay out the empty ones between takes most of the time.
             axis.tick_params(axis="y", which="minor", labelleft=False)
-        axis.set_title(title, loc="left", fontsize=9.5, color=INK, fontweight="bold")
+        axis.set_title(title, loc="left", y=TITLE, fontsize=9.5, color=INK, fontweight="bold")
         gaps = " → ".join(percent(_gap(measured, curve, j, k)) for curve in curves)
-        axis.set_title(f"gap {gaps}", loc="right", fontsize=8.5, color=MUTED)
+        axis.set_title(f"gap {gaps}", loc="right", y=TITLE, fontsize=8.5, color=MUTED)
         dress(axis)
     figure.supylabel(AMPLITUDE[measured.kind], fontsize=8.5 if narrow else 9)
     axes[-1].set_xlabel("frequency [Hz]", fontsize=8.5 if narrow else 10)

@@ -48,6 +48,8 @@ SHADED = "shaded"
 """Names what is drawn in shades from the ground's colour on; on dark ground its lightness is turned round."""
 LONGEST = 24
 """Letters of a unit or a name on a figure: as many as stand along the side of the smallest."""
+TITLE = 1.0
+"""Where titles stand, of the height of their axes: where none is told, all ticks are laid out to find that place."""
 NARROW = 3.6
 """Width of a figure that a telephone shows without shrinking it [in]: 346 px of 360."""
 

@@ -74,7 +74,9 @@ def _frf_arguments(parser: ArgumentParser) -> None:
         metavar="CHANNEL",
         help="name or number of the force channel (UFF: its node); else the one so named, or of the shortest pulses",
     )
-    parser.add_argument("--reference", type=int, nargs="+", default=[], metavar="NODE", help="node hit, for each file")
+    parser.add_argument(
+        "--reference", type=int, nargs="+", default=[], metavar="NODE", help="node hit, for each file or column"
+    )
     parser.add_argument("--response", type=int, nargs="+", default=[], metavar="NODE", help="node of each response")
     parser.add_argument(
         "--motion", choices=["acceleration", "velocity", "displacement"], help="what responses are, if the file is mute"
@@ -152,11 +154,13 @@ FILE_VERBS: Final = {
         _inspect,
     ),
     "frf": Verb(
-        "FRFs and coherence from the time records of hits",
+        "FRFs and coherence from the time records of hits, or from tables of FRFs",
         (
             "torchplate frf hits.uff --out plate.uff",
             "# the node hit is the last number of a file's name; full scale is 50 N and 100 m/s2",
             "torchplate frf hit_1.wav hit_2.wav --response 7 --scale 50 100 --out plate.uff",
+            "# FRFs of MATLAB or a spreadsheet, in columns: where the sensor was, where was hit",
+            "torchplate frf frfs.mat --response 3 --reference 28 102 104 --motion acceleration --out plate.uff",
         ),
         _frf_arguments,
         _frf,

@@ -12,6 +12,7 @@ from torchplate.cli.config.odd_values import odd_values
 from torchplate.cli.config.searches import foreign, optimizer_of
 from torchplate.cli.schema import StateConfig, unknown_key, validated, validated_states
 from torchplate.discrepancy import OBJECTIVES, Evidence, ModalEvidence, Objective
+from torchplate.identification import another_plate
 from torchplate.measurement import NaturalFrequencies, disagreements
 from torchplate.model import PlateModel, Point, coarse, extrapolate, impossible, unusual
 from torchplate.nearest import did_you_mean
@@ -128,8 +129,8 @@ class Run(Measured):
         """
         settings = self.config.measurement
         found = [f"{key}: {sentence}" for key, sentence in unusual(model)]
-        found += odd_values(self.config, model)
         frfs, table = self.measurement(), settings.natural_frequencies
+        found += odd_values(self.config, model, frfs)
         if frfs is not None:
             top = float(frfs.frequency.max())
             found = [
@@ -144,7 +145,11 @@ class Run(Measured):
             found = [modal.remark, *modal.modal.notes, *found]
         if frfs is not None or table is not None:
             evidence = self.evidence(model)
-            found += disagreements(model, evidence.measurement, evidence.natural_frequencies, evidence.gain_is_unknown)
+            apart = disagreements(model, evidence.measurement, evidence.natural_frequencies, evidence.gain_is_unknown)
+            if not apart and evidence.measurement is not None:
+                places = self.placement(evidence.measurement)
+                apart = another_plate(model, evidence.measurement, places, evidence.gain_is_unknown)
+            found += apart
         if modal is not None:
             found += disagreements(model, table=modal.table(model))
         return (*self.dropped, *found)

@@ -16,7 +16,7 @@ from torch.utils.tensorboard.summary import hparams
 from torchplate.cli.folder.writing import whole, write_bytes
 from torchplate.cli.progress.layout import BEST, GAP, of_a_diagnosis, of_a_search, problem_tag, quartiles
 from torchplate.diagnosis import Diagnosis
-from torchplate.report import log_figures, step_tags
+from torchplate.report import lay_out, log_figures, step_tags
 from torchplate.search import Progress
 
 _EVENTS = "events.out.tfevents."
@@ -133,6 +133,7 @@ class RunLog:
 
     def figure(self, tag: str, figure: Figure, step: int) -> None:
         """One figure, as an image."""
+        lay_out(figure)
         self._writer.add_figure(tag, figure, step, close=False)
 
     def settings(

@@ -1,8 +1,8 @@
-"""`torchplate frf RECORDS... --out FILE.uff`: from the time records of hits to FRFs and coherence."""
+"""`torchplate frf RECORDS... --out FILE.uff`: from the time records of hits to FRFs, or from FRFs without nodes."""
 
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,11 +14,14 @@ from torchplate.measurement import (
     UFF_SUFFIX,
     Cutting,
     Estimate,
+    FrfTable,
     Layout,
     Measurement,
     Recording,
     Windows,
     frf_of_hits,
+    frfs_of_tables,
+    read_frf_table,
     read_nodes,
     read_recordings,
     with_nodes,
@@ -49,10 +52,10 @@ class Conversion:
 
 
 def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console | None = None) -> Measurement:
-    """Estimate the FRFs of time records, and write them.
+    """Estimate the FRFs of time records, or name the nodes of FRFs in tables, and write them.
 
     Args:
-        records: Files of time records.
+        records: Files of time records, or tables of FRFs.
         out: .uff, .unv, .uf or .npz.
         told: What the files do not say.
         console: Where is said what was left out.
@@ -64,13 +67,16 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
     console = console or Console()
     if out.suffix.lower() not in (*UFF_SUFFIX, ".npz"):
         raise InputError(f"--out {out}: Expected a name that ends in .uff or .npz, got '{out.suffix}'. Rename it.")
-    if told.references and len(told.references) not in (1, len(records)):
+    if len(records) > 1 and told.references and len(told.references) not in (1, len(records)):
         raise InputError(
             f"--reference: Expected one node for each of {len(records)} files, or one for all, got "
             f"{len(told.references)}. Correct it."
         )
     if not told.references:
         _check_names(records)
+    tables = [read_frf_table(path) for path in records]
+    if all(table is not None for table in tables):
+        return _named_table(records, [table for table in tables if table is not None], out, told, console)
     recordings: list[Recording] = []
     named: list[str] = []
     for number, path in enumerate(records):
@@ -79,7 +85,19 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
         recordings += _labelled(read, path, told)
         if any(recording.reference == 0 for recording in read):
             named.append(f"{recordings[-1].reference} ({path.name})")
-    measurement = frf_of_hits(recordings, told.cutting, told.windows, told.estimator)
+    measurement = _written(frf_of_hits(recordings, told.cutting, told.windows, told.estimator), out, told)
+    if named:
+        text = ", ".join(named)
+        say = f"Nodes that were hit, by the last number in the files' names: {text}. --reference gives others."
+        console.print(say, highlight=False, markup=False, soft_wrap=True)
+    n_frf, n_record = counted(len(measurement.pairs), "FRF"), counted(len(recordings), "recording")
+    what = f"{n_frf} ({measurement.kind}, {told.estimator}) from {n_record}"
+    _say(measurement, what, out, console, tuple(_of_records(measurement, recordings)))
+    return measurement
+
+
+def _written(measurement: Measurement, out: Path, told: Conversion) -> Measurement:
+    """With its nodes' places, where they were told."""
     if told.nodes is not None:
         measurement = with_nodes(measurement, read_nodes(told.nodes), str(told.nodes))
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -88,11 +106,29 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
             measurement.to_npz(partial)
         else:
             write_uff(measurement, partial)
-    if named:
-        text = ", ".join(named)
-        say = f"Nodes that were hit, by the last number in the files' names: {text}. --reference gives others."
-        console.print(say, highlight=False, markup=False, soft_wrap=True)
-    _say(measurement, recordings, out, told, console)
+    return measurement
+
+
+def _named_table(
+    records: Sequence[Path], tables: Sequence[FrfTable], out: Path, told: Conversion, console: Console
+) -> Measurement:
+    """FRFs that are there already, with their nodes.
+
+    Raises:
+        InputError: Nodes that nobody told.
+    """
+    n_frf = counted(sum(table.n_frf for table in tables), "FRF")
+    references = told.references
+    if not references and len(records) > 1:
+        references = tuple(int(found[-1]) for path in records if (found := re.findall(r"\d+", path.stem)))
+    if not told.layout.responses or not references or (len(records) > 1 and len(references) != len(records)):
+        raise InputError(
+            f"{records[0]}: Expected the nodes of {n_frf}, which the file does not name, got none of the "
+            f"{'references' if told.layout.responses else 'responses'}. Give where the sensors are and where was hit, "
+            "--response 3 --reference 28 102, say."
+        )
+    measurement = _written(frfs_of_tables(records, tables, told.layout, references), out, told)
+    _say(measurement, f"{n_frf} ({measurement.kind}) from {records[0]}", out, console)
     return measurement
 
 
@@ -142,29 +178,22 @@ def _labelled(recordings: list[Recording], path: Path, told: Conversion) -> list
     return found
 
 
-def _say(
-    measurement: Measurement, recordings: Sequence[Recording], out: Path, told: Conversion, console: Console
-) -> None:
+def _say(measurement: Measurement, what: str, out: Path, console: Console, remarks: Sequence[str] = ()) -> None:
     first, last = float(measurement.frequency[0]), float(measurement.frequency[-1])
-    step = measurement.step or 0.0
-    console.print(
-        f"{counted(len(measurement.pairs), 'FRF')} ({measurement.kind}, {told.estimator}) from "
-        f"{counted(len(recordings), 'recording')}, "
-        f"{first:.6g} to {last:.6g} Hz, step {step:.4g} Hz: {out}",
-        highlight=False,
-        markup=False,
-        soft_wrap=True,
-    )
-    for note in measurement.notes:
-        console.print(f"  Note: {note}", highlight=False, markup=False, soft_wrap=True)
+    step = "uneven lines" if measurement.step is None else f"step {measurement.step:.4g} Hz"
+    lines = [f"{what}, {first:.6g} to {last:.6g} Hz, {step}: {out}"]
+    lines += [f"  Note: {note}" for note in (*measurement.notes, *remarks)]
+    nodes = "" if measurement.response[0].coordinate is not None else " --nodes nodes.csv"
+    for line in (*lines, f"Next: torchplate new {out}{nodes}"):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def _of_records(measurement: Measurement, recordings: Sequence[Recording]) -> Iterator[str]:
+    """What else is to be said of FRFs from hits."""
     if not all(recording.has_unit for recording in recordings):
-        console.print(
-            "  Note: the records state no unit that is known; taken as N and SI. Give --scale FORCE RESPONSE, or write "
-            "gain: unknown in the config.",
-            highlight=False,
-            soft_wrap=True,
+        yield (
+            "the records state no unit that is known; taken as N and SI. Give --scale FORCE RESPONSE, or write "
+            "gain: unknown in the config."
         )
     if measurement.coherence is None:
-        console.print("  Note: one hit a node, so there is no coherence.", highlight=False)
-    nodes = "" if measurement.response[0].coordinate is not None else " --nodes nodes.csv"
-    console.print(f"Next: torchplate new {out}{nodes}", highlight=False, markup=False, soft_wrap=True)
+        yield "one hit a node, so there is no coherence."

@@ -16,6 +16,7 @@ from torchplate.measurement import (
     RECORD_SUFFIX,
     UFF_SUFFIX,
     Contents,
+    FrfTable,
     Measurement,
     MeasurementError,
     ModalModel,
@@ -25,6 +26,7 @@ from torchplate.measurement import (
     describe,
     is_modal_table,
     propose,
+    read_frf_table,
     read_geometry,
     read_measurement,
     read_modal_table,
@@ -54,6 +56,10 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
     suffix = path.suffix.lower()
     if suffix == ".csv" and is_modal_table(path):
         console.print(_modes(read_modal_table(path), path))
+        return None
+    table = None if suffix == ".npz" and _holds_frfs(path) else read_frf_table(path)
+    if table is not None:
+        console.print(_frf_table(table, path))
         return None
     if suffix in RECORD_SUFFIX and (suffix != ".npz" or not _holds_frfs(path)):
         console.print(_records(read_recordings(path), path))
@@ -117,9 +123,23 @@ def _holds_frfs(path: Path) -> bool:
     """Whether an archive says it holds FRFs; one that cannot be opened is left to the reader of FRFs to refuse."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return "frf" in archive.files or "force" not in archive.files
+            return {"frf", "response", "reference"} <= {*archive.files}
     except (OSError, ValueError, zipfile.BadZipFile):
         return True
+
+
+def _frf_table(table: FrfTable, path: Path) -> Table:
+    found = plain_table("", "", title=f"{path}: FRFs")
+    lines = table.frequency
+    found.add_row("holds", f"{counted(table.n_frf, 'FRF')} of {len(lines)} lines, {lines[0]:g} to {lines[-1]:g} Hz")
+    found.add_row("unit", escape(table.unit or "none is stated"))
+    for note in table.notes:
+        found.add_row("note", escape(note))
+    what = (
+        f"names the nodes: torchplate frf {shlex.quote(path.name)} --response NODE --reference NODE ... --out FRFS.uff"
+    )
+    found.add_row("what torchplate does", escape(what))
+    return found
 
 
 def _records(recordings: list[Recording], path: Path) -> Table:

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import torch
 
 from torchplate.effects import Searched, find_effect
-from torchplate.identification import stretched
+from torchplate.identification import GRAINS, coarse_cells, stretched
 from torchplate.measurement import METRES, Measurement, Proposal, peaks, place
 from torchplate.model import PlateModel
 from torchplate.notation import percent
@@ -18,16 +18,10 @@ UNKNOWN = Material(
     "unknown material", (0.5e9, 20e9, 260e9), 0.3, 0.05, (500.0, 2700.0, 9000.0), (1e-4, 1e-1), "none named"
 )
 WOOD: Final = MATERIALS["wood"]
-YOUNG_RATIOS: Final = (0.05, 0.07, 0.1, 0.14, 0.2)
-"""E_y/E_x of wood with its grain along x that are tried; their inverses, with its grain along y [-]. Wood Handbook
-(FPL-GTR-190, 2010), table 5-1: softwoods 8 to 25 times as stiff along the grain as across."""
-SHEAR_FACTORS: Final = (0.5, 0.7, 1.0, 1.4)
 ODDS: Final = 10.0
 """Wood has to be so many times likelier than an isotropic plate [-]; where the density is that of wood, likelier."""
 ENOUGH: Final = 0.5
 """Of the FRFs' variance in decibel that a model may leave, to be believed [-]: more is hardly better than none."""
-N_ELEMENT: Final = 80
-"""Of the models that are tried."""
 THICKNESS: Final = 1e-3
 """Of the models that are tried [m]: natural frequencies go with it."""
 FAR: Final = 0.4
@@ -126,18 +120,15 @@ def _nearest(
     measurement: Measurement, sides: tuple[float, float], edges: Mapping[str, str], material: Material
 ) -> _Nearest | None:
     """The nearest of a material's models, by its usual numbers and `THICKNESS`."""
-    n_x = min(max(round(math.sqrt(N_ELEMENT * sides[0] / sides[1])), 6), N_ELEMENT // 6)
     known = {
         "plate.youngs_modulus": material.youngs_modulus[1],
         "plate.poisson_ratio": material.poisson_ratio,
         "plate.density": material.density[1],
         "plate.thickness": THICKNESS,
     }
-    grains = [(1.0, 1.0)]
-    if material.young_ratio > 1:
-        grains = [(ratio**way, shear) for way in (1, -1) for ratio in YOUNG_RATIOS for shear in SHEAR_FACTORS]
+    grains = GRAINS if material.young_ratio > 1 else ((1.0, 1.0),)
     model = PlateModel(
-        Mesh(*sides, n_x, N_ELEMENT // n_x, edges=dict(edges)),
+        Mesh(*sides, *coarse_cells(*sides), edges=dict(edges)),
         {"plate": find_effect("plate")(), "grain": find_effect("orthotropy")()},
         known,
         {"grain.young_ratio": Searched(0.01, 100.0), "grain.shear_factor": Searched(0.1, 10.0)},

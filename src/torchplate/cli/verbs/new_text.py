@@ -149,9 +149,17 @@ def _effects(draft: "Draft") -> list[str]:
         "    effect: hysteretic_damping",
         f"    stiffness_loss_factor: {{low: {_si(low)}, high: {_si(high)}, scale: log}}",
         *_supports(draft),
+        *_window(draft),
         "  # air: {effect: air_loading, density: 1.2}    # kg/m³: what was measured in a room drags the air along",
     ]
     return lines
+
+
+def _window(draft: "Draft") -> list[str]:
+    rate = draft.measurement.window
+    if not rate:
+        return []
+    return [f"  window: {{effect: exponential_window, rate: {rate:.6g}}}    # 1/s, as the file says: it is taken off"]
 
 
 def _supports(draft: "Draft") -> list[str]:
