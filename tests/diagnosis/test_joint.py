@@ -15,6 +15,7 @@ from torchplate.diagnosis.fit import Beat, fit
 from torchplate.diagnosis.joint import Joint
 from torchplate.diagnosis.judged import settled
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import Marginal
 from torchplate.effects import CATALOGUE
@@ -454,3 +455,20 @@ def test_columns_are_whitened_some_at_a_time_and_come_out_as_all_at_once(worksho
     assert max(asked) <= fitted_at_once.AT_ONCE < len(workshop.specimens.names)
     monkeypatch.setattr(fitted_at_once, "AT_ONCE", len(workshop.specimens.names))
     assert torch.allclose(slope(), found, rtol=1e-9, atol=1e-9 * float(found.abs().max()))
+
+
+@torch.no_grad()
+def test_a_descent_all_of_whose_steps_are_refused_goes_on_with_more_damping(workshop, monkeypatch):
+    """Peaks several widths off, a section that leans the other way: undamped steps land where nothing is better."""
+    position = workshop.builder.given.space.to_cube(TRUTH * torch.tensor([0.95, 1.0], dtype=torch.float64))
+    shift, sharp = -1.5 * workshop.shift, workshop.builder.target.levels - 1
+    marginal, _ = workshop.joint._judged(position, shift, None)
+    values, moved = [], []
+    for n_refused in (0, SETTINGS.fitting.n_refused):
+        monkeypatch.setattr(workshop.joint, "settings", replace(SETTINGS.fitting, n_refused=n_refused))
+        *end, value = workshop.joint.descend(position, shift, sharp, 3, 1e-9, marginal)
+        values.append(value)
+        moved.append(max(float((end[0] - position).abs().max()), float((end[1] - shift).abs().max())))
+    assert moved[0] < 1e-9
+    assert moved[1] > 1e-2
+    assert values[1] < 0.99 * values[0]

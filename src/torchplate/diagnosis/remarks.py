@@ -42,7 +42,7 @@ def missing_still(builder: ModelBuilder, noise: Noise, final: State, verdict: Ve
         final.fit.theta,
         target.heldout,
     )
-    expected = target.expected_gap(final.fit.marginal)
+    expected = target.expected_gap(final.fit.reduced, final.fit.theta, final.fit.marginal)
     size = (
         f"A gap of {percent(gap)} is left, where noise alone makes {percent(noise.floor)}, and noise and the "
         f"imperfections of the test as large as was said make {percent(expected)}."
