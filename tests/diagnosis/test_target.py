@@ -1,5 +1,6 @@
 """What models are held against: weighed by what is not known, and wide enough to be found from afar."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -333,3 +334,14 @@ def test_a_level_without_a_unit_costs_nothing_and_is_not_expected_to_be_of_any_s
     assert whitened[1] == pytest.approx(0.01, rel=0.02)
     gaps = [here.expected_gap(plate, HERE, here.marginal(plate, HERE)) for here in (known, unknown)]
     assert gaps[1] == pytest.approx(gaps[0], rel=0.02)
+
+
+def test_the_size_of_a_model_error_is_what_is_left(lab, plate, true):
+    """Half as much left is half as large an error, and no coincidence that costs anything."""
+    here = target(lab, true, seed=3).with_mesh_error(torch.zeros_like(LINES), 1.0, 8)
+    marginal = here.inflated(predicted(plate, 1.03)[0]).marginal(plate, HERE)
+    whole = marginal.over_noise(here.off(predicted(plate, 1.03)[0]))
+    judged = [marginal.judge(part * whole) for part in (1.0, 0.1)]
+    assert judged[1].noise_scale == pytest.approx(0.1 * judged[0].noise_scale, rel=1e-6)
+    assert judged[0].cost - judged[1].cost == pytest.approx(2 * math.log(10.0) * judged[0].n, rel=1e-6)
+    assert judged[0].complexity == pytest.approx(judged[1].complexity, abs=1e-6)

@@ -243,7 +243,9 @@ class FrfTarget:
         if "thickness_scatter" in freedom:
             freedom["thickness"] = freedom.pop("thickness_scatter")
         if not self.trusts_the_noise:
-            return Marginal(self.variance / self.independent, None, self.fitted, freedom, self.settings.knowledge)
+            # How much a model leaves as such is what it leaves: nothing is known of that beforehand.
+            knowledge = replace(self.settings.knowledge, noise=0.0)
+            return Marginal(self.variance / self.independent, None, self.fitted, freedom, knowledge)
         shift = torch.zeros_like(self.frequency) if self.mesh_shift is None else self.mesh_shift
         wandering, imperfections = self.wandering, self.imperfections
         if not specimen:

@@ -414,7 +414,7 @@ class Marginal:
                 if change < AT_REST:
                     break
         else:
-            noise = (square + self.knowledge.noise) / (self.n + self.knowledge.noise)
+            noise = max(1e-12, (square + self.knowledge.noise) / max(1.0, self.n + self.knowledge.noise))
         cost = self._cost(square, self.along(residual) if n_group else mean, scale, noise)
         free = torch.where(fixed, 0.0, free)
         prior = float((free * (scale.square().log() + 1 / scale.square() - 1)).sum())
