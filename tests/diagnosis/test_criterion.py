@@ -12,6 +12,7 @@ import torch
 
 from torchplate.diagnosis.candidates.candidate import Candidate, nameable
 from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.remarks import would_take
 from torchplate.diagnosis.selection.criterion import (
     Hypothesis,
     choose,
@@ -300,3 +301,16 @@ def test_noise_is_what_noise_and_nuisances_of_a_usual_size_explain(judged, by_no
 def test_a_nuisance_that_would_have_to_be_too_large_is_told_with_its_size():
     last = fitted(200.0, scale={"position_std": 4.5, "calibration_std": 1.2, "mesh": 1.0})
     assert excessive(last) == {"position_std": 4.5}
+
+
+@pytest.mark.parametrize(("scale", "said"), [(99.94, "99.9 times"), (4.8e5, "more than 100 times")])
+def test_a_nuisance_that_would_have_to_be_absurdly_large_is_not_told_to_a_digit(scale, said):
+    (sentence,) = would_take(fitted(200.0, scale={"damping_scatter": scale}))
+    assert f"a scatter of the modes' damping {said} as large as was said" in sentence
+
+
+def test_beside_a_model_error_lines_say_no_more_than_modes_do():
+    """However small what is left is over that error, whose size nobody knows."""
+    few, many = (fitted(200.0, by_noise=one, noise_scale=0.05) for one in (False, True))
+    assert weight_of([few]) == pytest.approx(few.n_modal / N, rel=0.05)
+    assert weight_of([many]) == pytest.approx(WEIGHT)

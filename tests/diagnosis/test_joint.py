@@ -15,6 +15,7 @@ from torchplate.diagnosis.fit import Beat, fit
 from torchplate.diagnosis.joint import Joint
 from torchplate.diagnosis.judged import settled
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import Found, Marginal, n_terms
 from torchplate.effects import CATALOGUE
@@ -473,3 +474,19 @@ def test_a_basis_is_that_of_the_specimen_as_far_as_it_is_known(workshop):
     assert off[2] == off[1]
     assert bases[2] is bases[1]
     assert len(shift) > specimens.n_term == n_terms(builder.target.wandering)
+
+
+def test_a_descent_all_of_whose_steps_are_refused_goes_on_with_more_damping(workshop, monkeypatch):
+    """Peaks several widths off, a section that leans the other way: undamped steps land where nothing is better."""
+    position = workshop.builder.given.space.to_cube(TRUTH * torch.tensor([0.95, 1.0], dtype=torch.float64))
+    shift, sharp = -1.5 * workshop.shift, workshop.builder.target.levels - 1
+    marginal, _ = workshop.joint._judged(position, shift, None)
+    values, moved = [], []
+    for n_refused in (0, SETTINGS.fitting.n_refused):
+        monkeypatch.setattr(workshop.joint, "settings", replace(SETTINGS.fitting, n_refused=n_refused))
+        *end, value = workshop.joint.descend(position, shift, sharp, 3, 1e-9, marginal)
+        values.append(value)
+        moved.append(max(float((end[0] - position).abs().max()), float((end[1] - shift).abs().max())))
+    assert moved[0] < 1e-9
+    assert moved[1] > 1e-2
+    assert values[1] < 0.99 * values[0]

@@ -1,5 +1,6 @@
 """What models are held against: weighed by what is not known, and wide enough to be found from afar."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -198,6 +199,10 @@ def test_an_inflated_model_error_leaves_what_was_said_of_it(lab, plate, true):
     assert square(doubted, plate, wrong) == pytest.approx(SETTINGS.selecting.doubtful * here.n_modal, rel=0.05)
     # The first target is as it was.
     assert here.trusts_the_noise
+    # What noise and the test make of the gap is asked of these, and not of what the model leaves.
+    gaps = [one.expected_gap(plate, HERE, one.marginal(plate, HERE)) for one in (here, doubted)]
+    assert gaps[1] == pytest.approx(gaps[0], rel=1e-9)
+    assert gaps[0] < 0.05
 
 
 def test_a_channel_read_the_other_way_round_is_seen_before_anything_fits(lab, plate, true):
@@ -294,3 +299,49 @@ def test_a_told_scatter_of_thickness_is_that_of_the_section_and_is_known_better(
 
 def test_a_plate_may_wander_in_a_test_that_is_perfect(plate, lab, true):
     assert target(lab, true, imperfections=replace(PERFECT, thickness_scatter=0.02)).wandering.thickness == 0.02
+
+
+def test_what_changes_frfs_changes_the_level_that_is_fitted_to_them(lab, plate, true):
+    """Away from the truth, where peaks are elsewhere; the columns of a specimen are made so."""
+    here = target(lab, 7.3 * true, seed=5, gain_is_unknown=True)
+    part, step = 1.02, 1e-6
+    theta = part * HERE
+    for level in range(here.levels):
+        frequency, decay = here.lines(level)
+        plain = [plate.frf(theta * (1 + sign * step), frequency, decay=decay) for sign in (-1, 1)]
+        change = (plain[1] - plain[0]) / (2 * step)
+        low, high = (seen(here, plate, level, part * (1 + sign * step))[0] for sign in (-1, 1))
+        fitted = (high - low) / (2 * step)
+        found = here.at_level(plate, theta, change[None], level)[0]
+        # Rounding over the step, a millionth.
+        assert float((found - fitted).norm() / fitted.norm()) < 2e-5
+    # At the sharp level a level that stays where it is would leave more than a quarter of it out.
+    held = float(here._gain(here.seen(), plain[0])) * change
+    assert float((held - fitted).norm() / fitted.norm()) > 0.25
+    known = target(lab, true)
+    assert torch.equal(known.at_level(plate, theta, change[None]), change[None])
+
+
+def test_a_level_without_a_unit_costs_nothing_and_is_not_expected_to_be_of_any_size(lab, plate, true):
+    """That which is fitted to peaks of another height is off everywhere between them."""
+    known, unknown = (target(lab, true, seed=6, gain_is_unknown=one) for one in (False, True))
+    whitened = []
+    for here in (known, unknown):
+        marginal = here.marginal(plate, HERE)
+        whitened.append(float(marginal.whitened(marginal.over_noise(0.1 * true)).square().sum()))
+    # A tenth of all FRFs, at a noise of a per cent of each: ten standard deviations of 1700 numbers; or a tenth of one.
+    assert whitened[0] > 1e4
+    assert whitened[1] == pytest.approx(0.01, rel=0.02)
+    gaps = [here.expected_gap(plate, HERE, here.marginal(plate, HERE)) for here in (known, unknown)]
+    assert gaps[1] == pytest.approx(gaps[0], rel=0.02)
+
+
+def test_the_size_of_a_model_error_is_what_is_left(lab, plate, true):
+    """Half as much left is half as large an error, and no coincidence that costs anything."""
+    here = target(lab, true, seed=3).with_mesh_error(torch.zeros_like(LINES), 1.0, 8)
+    marginal = here.inflated(predicted(plate, 1.03)[0]).marginal(plate, HERE)
+    whole = marginal.over_noise(here.off(predicted(plate, 1.03)[0]))
+    judged = [marginal.judge(part * whole) for part in (1.0, 0.1)]
+    assert judged[1].noise_scale == pytest.approx(0.1 * judged[0].noise_scale, rel=1e-6)
+    assert judged[0].cost - judged[1].cost == pytest.approx(2 * math.log(10.0) * judged[0].n, rel=1e-6)
+    assert judged[0].complexity == pytest.approx(judged[1].complexity, abs=1e-6)

@@ -29,7 +29,7 @@ def gap_of(target: FrfTarget, before: Fit, after: Fit) -> Gap:
         heldout_gap(target, before),
         heldout_gap(target, after),
         target.floor,
-        target.expected_gap(after.marginal),
+        target.expected_gap(after.reduced, after.theta, after.marginal),
     )
 
 

@@ -20,7 +20,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.discrepancy import Found, Marginal, OfChannels, Specimens, specimen_columns
 from torchplate.model import PlateModel
-from torchplate.search import JACOBIANS, Descent, least_squares, recalled
+from torchplate.search import JACOBIANS, Descent, LeastSquaresStatus, least_squares, recalled
 
 # Columns of the specimen that are whitened together.
 AT_ONCE = 8
@@ -115,18 +115,24 @@ class Joint:
         start = torch.cat([position.clamp(0.0, 1.0), 0.5 + shift / far])[None]
 
         def descend() -> Descent:
-            before = self.builder.n_evaluation
-            ended = least_squares(
-                residual,
-                start,
-                jacobian=jacobian,
-                n_iteration=n_iteration,
-                objective_tolerance=self.settings.tolerance if sharp else self.target.settings.wide.tolerance,
-                # Rounding on the unit cube.
-                step_tolerance=1e-7,
-                damping=damping,
-                jacobian_at_end=False,
-            )
+            before, tried, factor = self.builder.n_evaluation, n_iteration, damping
+            for _ in range(self.settings.n_refused + 1):
+                ended = least_squares(
+                    residual,
+                    start,
+                    jacobian=jacobian,
+                    n_iteration=tried,
+                    objective_tolerance=self.settings.tolerance if sharp else self.target.settings.wide.tolerance,
+                    # Rounding on the unit cube.
+                    step_tolerance=1e-7,
+                    damping=factor,
+                    jacobian_at_end=False,
+                )
+                if ended.status[0] is not LeastSquaresStatus.budget or not torch.equal(ended.position, start):
+                    break
+                # Every step was refused: it goes on with the damping that the next one would have had.
+                factor *= 2.0 ** (tried * (tried + 1) / 2)
+                tried = self.settings.n_together
             n_evaluation = self.builder.n_evaluation - before
             return Descent(start, ended.position, ended.objective, n_evaluation)
 
@@ -360,8 +366,7 @@ class Joint:
         self._before = None
         frequency, decay = target.lines(level)
         columns = specimen_columns(problem.model, theta, frequency, self.specimens, decay).movedim(-1, 0)
-        if target.gain_is_unknown:
-            columns = columns * target.gain_of(problem.model, theta)
+        columns = target.at_level(problem.model, theta, columns, level)
         if marginal is not None:
             found = columns.real.new_empty(len(columns), 2 * columns[0].numel())
             # Some at a time: over the noise they need not be held beside what is made of them.

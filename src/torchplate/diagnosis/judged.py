@@ -277,11 +277,13 @@ def judged_beside(
             index = model.names.index(name)
             known[index] = (slope[index] / std) ** 2
     told = problem.told(theta)
+    # Beside what the model as such leaves, whose size is taken from all lines, they say no more than modes do.
+    independent = 1.0 if target.trusts_the_noise else target.independent
     return Fit(
         model,
         reduced,
         theta,
-        _covariance(information, known, slope) if said else information.new_full((n, n), torch.nan),
+        _covariance(independent * information, known, slope) if said else information.new_full((n, n), torch.nan),
         prediction,
         expected,
         judged,

@@ -11,6 +11,8 @@ from torchplate.diagnosis.settings import SETTINGS
 from torchplate.measurement import Noise
 from torchplate.notation import percent
 
+# A millimetre becomes a decimetre, half a per cent a half: nothing that a test has.
+ABSURD = 100.0
 # What the nuisances are called.
 NUISANCES = {
     "position_std": "hits and sensors off their marks",
@@ -42,7 +44,7 @@ def missing_still(builder: ModelBuilder, noise: Noise, final: State, verdict: Ve
         final.fit.theta,
         target.heldout,
     )
-    expected = target.expected_gap(final.fit.marginal)
+    expected = target.expected_gap(final.fit.reduced, final.fit.theta, final.fit.marginal)
     size = (
         f"A gap of {percent(gap)} is left, where noise alone makes {percent(noise.floor)}, and noise and the "
         f"imperfections of the test as large as was said make {percent(expected)}."
@@ -70,11 +72,17 @@ def in_every_record(builder: ModelBuilder, noise: Noise) -> str:
 def would_take(fit: Fit) -> tuple[str, ...]:
     """How large noise and nuisances would have to be to explain what is left."""
     parts = [
-        f"{NUISANCES.get(name, name)} {scale:.1f} times as large as was said" for name, scale in excessive(fit).items()
+        f"{NUISANCES.get(name, name)} {_times(scale)} times as large as was said"
+        for name, scale in excessive(fit).items()
     ]
     if fit.judged.noise_scale**2 > fit.comparison.noise_limit:
         parts.append(f"noise {fit.judged.noise_scale:.1f} times as large as it was found to be")
     return (f"To explain it without any effect would take {', and '.join(parts)}.",) if parts else ()
+
+
+def _times(scale: float) -> str:
+    """How many times; where a nuisance would have to be absurdly large, how much so says nothing."""
+    return f"{scale:.1f}" if scale < ABSURD else f"more than {ABSURD:g}"
 
 
 def all_remarks(noise: Noise, final: State, prior: Prior) -> tuple[str, ...]:

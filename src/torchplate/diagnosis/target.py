@@ -20,9 +20,11 @@ from torchplate.diagnosis.freed_memory import hand_back
 from torchplate.diagnosis.settings import SETTINGS, DiagnosisSettings
 from torchplate.diagnosis.smoothing import Smoothing
 from torchplate.discrepancy import (
+    FREE,
     UNIFORM,
     Found,
     Marginal,
+    Nuisances,
     OfChannels,
     Specimens,
     Wandering,
@@ -30,6 +32,7 @@ from torchplate.discrepancy import (
     modes_damped,
     nuisances,
     place_std,
+    real_columns,
 )
 from torchplate.effects import Effect
 from torchplate.measurement import PERFECT, Imperfections, Measurement, Noise
@@ -58,6 +61,7 @@ class FrfTarget:
         n_modal: numbers that what is left says, where it is not noise.
         trusts_the_noise: residuals are weighed by the noise, and not by what the model as such leaves.
         independent: of the numbers, the part that is independent [-].
+        by_noise: the same with residuals weighed by the noise, where they are not here; None where they are.
     """
 
     measurement: Measurement
@@ -74,6 +78,7 @@ class FrfTarget:
     n_modal: float = 2.0
     trusts_the_noise: bool = True
     independent: float = 1.0
+    by_noise: "FrfTarget | None" = None
 
     @property
     def levels(self) -> int:
@@ -179,7 +184,7 @@ class FrfTarget:
             above = float((square / twin.variance[..., self.fitted]).mean()) > 2 * self.settings.selecting.doubtful
             low, high = (part, high) if above else (low, part)
         independent = min(1.0, self.n_modal / (2 * len(self.frequency) * int(self.fitted.sum())))
-        return twin._but(independent=independent)
+        return twin._but(independent=independent, by_noise=self.by_noise or self)
 
     @property
     def wandering(self) -> Wandering:
@@ -238,7 +243,9 @@ class FrfTarget:
         if "thickness_scatter" in freedom:
             freedom["thickness"] = freedom.pop("thickness_scatter")
         if not self.trusts_the_noise:
-            return Marginal(self.variance / self.independent, None, self.fitted, freedom, self.settings.knowledge)
+            # How much a model leaves as such is what it leaves: nothing is known of that beforehand.
+            knowledge = replace(self.settings.knowledge, noise=0.0)
+            return Marginal(self.variance / self.independent, None, self.fitted, freedom, knowledge)
         shift = torch.zeros_like(self.frequency) if self.mesh_shift is None else self.mesh_shift
         wandering, imperfections = self.wandering, self.imperfections
         if not specimen:
@@ -248,11 +255,26 @@ class FrfTarget:
             model, theta, self.frequency, imperfections, wandering, shift, about, self.mesh_left, drifting
         )
         if self.gain_is_unknown:
-            gain = self.gain_of(model, theta)
-            common, own, other = (gain * part for part in found[:3])
-            second = found.second_order._replace(factor=gain**2 * found.second_order.factor)
-            found = found._replace(common=common, by_response=own, by_reference=other, second_order=second)
+            found = self._without_level(found, model.frf(theta, self.frequency))
+            freedom[FREE] = math.inf
         return Marginal(self.variance, found, self.fitted, freedom, self.settings.knowledge, about=found.about)
+
+    def _without_level(self, found: Nuisances, plain: Tensor) -> Nuisances:
+        """Nuisances at the level that is fitted to a model's FRFs, which may as well be another.
+
+        That one is right where the model is. Where peaks are elsewhere, or higher, it is what these make of it, and all
+        lines between them are off: the level is a nuisance as large as itself, for nobody knows anything of it.
+        """
+        gain = float(self._gain(self.measured, plain))
+        level = real_columns([gain * plain], plain)
+        common, own, other = (gain * part for part in found[:3])
+        return found._replace(
+            common=torch.cat([common, level.to(common)], dim=-1),
+            by_response=own,
+            by_reference=other,
+            group=((*found.group[0], FREE), *found.group[1:]),
+            second_order=found.second_order._replace(factor=gain**2 * found.second_order.factor),
+        )
 
     def off(self, prediction: Tensor, about: Found | None = None) -> Tensor:
         """What was measured less a prediction, levels and drifts that were found taken off what was measured.
@@ -330,8 +352,37 @@ class FrfTarget:
         """What brings a model to the level of the measurement."""
         return float(self._gain(self.measured, model.frf(theta, self.frequency)))
 
+    def at_level(
+        self,
+        model: PlateModel,
+        theta: Float[Tensor, " n_parameter"],
+        change: Complex[Tensor, "n_change n_line n_response n_reference"],
+        level: int | None = None,
+    ) -> Complex[Tensor, "n_change n_line n_response n_reference"]:
+        """What changes of a model's FRFs are where the measurement has no level of its own: this moves with them.
+
+        Of g H, g = Σ w Re(H* y) / Σ w |H|², the change is g dH + dg H: a peak that moves moves the level of all others.
+
+        Args:
+            model: whose FRFs change.
+            theta: its parameters.
+            change: dH, each alone.
+            level: of the residuals.
+        """
+        if not self.gain_is_unknown:
+            return change
+        measured, (frequency, decay) = self.seen(level), self.lines(level)
+        found = model.frf(theta, frequency, decay=decay)
+        gain, weight = self._gain(measured, found), self._weight_of_level(measured)
+        square = (weight * found.abs().square()).sum((-3, -2, -1)).clamp(min=1e-300)
+        toward = (change.conj() * (measured - 2 * gain * found)).real
+        return gain * change + ((weight * toward).sum((-3, -2, -1)) / square)[:, None, None, None] * found
+
+    def _weight_of_level(self, measured: Tensor) -> Float[Tensor, "n_response n_reference"]:
+        return torch.where(self.fitted, 1 / measured.abs().square().sum(0).clamp(min=1e-300), 0.0)
+
     def _gain(self, measured: Tensor, found: Tensor) -> Tensor:
-        weight = torch.where(self.fitted, 1 / measured.abs().square().sum(0).clamp(min=1e-300), 0.0)
+        weight = self._weight_of_level(measured)
         above = (weight * (found.conj() * measured).real).sum((-3, -2, -1))
         below = (weight * found.abs().square()).sum((-3, -2, -1))
         return above / below.clamp(min=1e-300)
@@ -361,8 +412,16 @@ class FrfTarget:
         sign = torch.where(product[best] < 0, -1.0, 1.0).to(self.frequency)
         return sign.unflatten(0, self.measured.shape[1:]), float(turned)
 
-    def expected_gap(self, marginal: Marginal) -> float:
-        """What noise and nuisances, as large as was said, together make the gap of the fitted FRFs."""
+    def expected_gap(self, model: PlateModel, theta: Float[Tensor, " n_parameter"], marginal: Marginal) -> float:
+        """What noise and nuisances, as large as was said, together make the gap of the fitted FRFs.
+
+        Args:
+            model: in a basis.
+            theta: its parameters.
+            marginal: beside it. Where that holds what the model as such leaves, noise and nuisances are found anew.
+        """
+        if self.by_noise is not None:
+            return self.by_noise.expected_gap(model, theta, self.by_noise.marginal(as_it_is_meant(model), theta))
         size = self.measured.abs().square().sum(0).clamp(min=1e-300)
         each = (marginal.power().sum(0) / size).sqrt()
         return float(each[self.fitted].mean())

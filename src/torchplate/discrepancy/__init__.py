@@ -24,13 +24,23 @@ from torchplate.discrepancy.marginal import Marginal
 from torchplate.discrepancy.measure import OBJECTIVES, Measured
 from torchplate.discrepancy.modal_evidence import ModalEvidence, ModePair
 from torchplate.discrepancy.norms import coherence_weighted, log_amplitude, relative_amplitude_norm, relative_frf_norm
-from torchplate.discrepancy.nuisance import matrix_columns, modes_damped, nuisances, place_std, specimen_columns
+from torchplate.discrepancy.nuisance import (
+    FREE,
+    Nuisances,
+    matrix_columns,
+    modes_damped,
+    nuisances,
+    place_std,
+    real_columns,
+    specimen_columns,
+)
 from torchplate.discrepancy.objective import Evidence, Objective
 from torchplate.discrepancy.sensitivity import Sensitivity, sensitivity
 from torchplate.discrepancy.specimen import Found, OfChannels, Specimens, as_it_is_meant
 from torchplate.discrepancy.wandering import UNIFORM, Elements, Wandering, n_terms, section_off
 
 __all__ = [
+    "FREE",
     "OBJECTIVES",
     "UNIFORM",
     "Elements",
@@ -42,6 +52,7 @@ __all__ = [
     "Measured",
     "ModalEvidence",
     "ModePair",
+    "Nuisances",
     "Objective",
     "OfChannels",
     "Rows",
@@ -61,6 +72,7 @@ __all__ = [
     "n_terms",
     "nuisances",
     "place_std",
+    "real_columns",
     "relative_amplitude_norm",
     "relative_frf_norm",
     "section_off",

@@ -29,7 +29,7 @@ from torch import Tensor
 
 from torchplate.discrepancy.columns import Columns
 from torchplate.discrepancy.judged import Judged, Knowledge
-from torchplate.discrepancy.nuisance import Nuisances, real_columns
+from torchplate.discrepancy.nuisance import FREE, Nuisances, real_columns
 from torchplate.discrepancy.specimen import Found, OfChannels
 
 # Fixed points are at rest where no scale changes by more than this part; and after so many turns in any case.
@@ -344,9 +344,15 @@ class Marginal:
         return found - half.mT @ half
 
     def power(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
-        """Expected |y − H|², noise and nuisances as large as was said; 0 where an FRF does not count."""
-        weight = self.weight.square()
-        return torch.where(weight > 0, self._columns.power() + 2 / weight.clamp(min=1e-300), 0.0)
+        """Expected |y − H|², noise and nuisances as large as was said; 0 where an FRF does not count.
+
+        What is free is not expected to be of any size.
+        """
+        weight, found = self.weight.square(), self._columns.power()
+        if self._nuisances is not None and FREE in self._nuisances.group[0]:
+            free = torch.tensor([name == FREE for name in self._nuisances.group[0]])
+            found = found - self._nuisances.common[..., free].square().sum((-2, -1))
+        return torch.where(weight > 0, found.clamp(min=0) + 2 / weight.clamp(min=1e-300), 0.0)
 
     def _root(self, scale: Float[Tensor, " n_group"]) -> Float[Tensor, " n_nuisance"]:
         return scale[self.group] if len(self.group) else scale
@@ -408,7 +414,7 @@ class Marginal:
                 if change < AT_REST:
                     break
         else:
-            noise = (square + self.knowledge.noise) / (self.n + self.knowledge.noise)
+            noise = max(1e-12, (square + self.knowledge.noise) / max(1.0, self.n + self.knowledge.noise))
         cost = self._cost(square, self.along(residual) if n_group else mean, scale, noise)
         free = torch.where(fixed, 0.0, free)
         prior = float((free * (scale.square().log() + 1 / scale.square() - 1)).sum())

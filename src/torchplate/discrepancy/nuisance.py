@@ -38,6 +38,8 @@ from torchplate.measurement import Imperfections
 from torchplate.model import PlateModel, as_kind, laplace_lines, solve_modes
 from torchplate.plate import Plan
 
+# The group of what nobody knows anything of, whose size is not judged: a level without a unit.
+FREE = "level"
 # Numbers that are laid out at a time: 1 MiB of them.
 AT_ONCE = 2**17
 # Times the end of the band. A little above it a mode's own peak still reaches into the band, and where it lies is seen.

@@ -6,6 +6,7 @@
 - `real`: plates that others have measured (`make real`).
 - `masses`: what was lightened on a measured strip with masses, state by state.
 - `moduli`: what air and a sensor do to the moduli of the measured spruce plates.
+- `gaps`: what each effect that is known to be there takes off the gap of these.
 - `load`: time and memory of large work, each against what it is to keep to (`make load`).
 - `chairs`: from three kinds of files to an answer, with a stopwatch (`make chairs`).
 

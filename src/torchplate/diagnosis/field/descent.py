@@ -150,8 +150,7 @@ class FieldDescent:
         if len(place.position):
             own = JACOBIANS["forward"].differentiate(along, place.position[None], here[None])[0]
         columns = self.model.columns(problem.model, every, *target.lines(level))
-        if target.gain_is_unknown:
-            columns = columns * target.gain_of(problem.model, every)
+        columns = target.at_level(problem.model, every, columns, level)
         if problem.marginal is not None:
             found = -problem.marginal.whitened(problem.marginal.over_noise(columns))
         else:

@@ -12,9 +12,10 @@ more than there are frequencies, dampings and deflections of modes:
 
     1/n_eff = (1 − u − v) / n₀ + u / min(n₀, n_modal) + v / min(n₀, n_second),    1/n₀ = 1/n + ε,
 
-u = (1 − v) (1 − 1/κ²) the part of what is left that is not noise, and v the part of the variance that the second order
-of the nuisances makes. About a uniform section these are modes that wander by more than their width, each with a
-frequency and a damping that all FRFs share: n_second = 2 n_mode. About a specimen they are of each channel: n_modal.
+u = (1 − v) (1 − 1/κ²) the part of what is left that is not noise (beside the error that a model as such leaves, 1 − v),
+and v the part of the variance that the second order of the nuisances makes. About a uniform section these are modes
+that wander by more than their width, each with a frequency and a damping that all FRFs share: n_second = 2 n_mode.
+About a specimen they are of each channel: n_modal.
 
 Sources: Tierney and Kadane, J. American Statistical Association 81 (1986) 82, for Laplace's approximation; Kass and
 Raftery, ibid. 90 (1995) 773, for Bayes factors; Miller and Dunson, ibid. 114 (2019) 1113, for tempering by what the
@@ -144,6 +145,9 @@ def weight_of(fits: Sequence[Fit]) -> float:
     n = max(1.0, best.judged.n)
     second = best.judged.second_order
     unexplained = (1 - second) * max(0.0, 1 - 1 / max(1e-9, best.judged.noise_scale) ** 2)
+    if not best.by_noise:
+        # Beside the error that a model as such leaves, none of what is left is noise, however little of that it is.
+        unexplained = 1 - second
     independent = 1 / n + best.comparison.misspecified
     # What is left of few lines, or of very many modes, says no more than as many independent numbers do.
     of_second = 2 * best.n_mode if best.about is None else best.n_modal

@@ -97,6 +97,8 @@ class Fitting:
         tolerance: relative fall of the sum of squares at which it has come to rest [-].
         n_together: of several starts the best goes on alone after so many of them [-].
         damping: of the first steps [-].
+        n_refused: times that a descent all of whose steps were refused goes on with more damping [-]: 5 refusals are a
+            factor of 2¹⁵, and 2³⁰ above the least first damping a step is as short as it needs to be.
         near: of the parts that follow one that led near [-]: where parameters and specimen together change FRFs by a
             thousandth of what each does alone, a step is still whole.
         free: of those at the end, where something is known beforehand [-]: valleys that only this makes unlevel are
@@ -127,6 +129,7 @@ class Fitting:
     tolerance: float = 1e-4
     n_together: int = 5
     damping: float = 1e-3
+    n_refused: int = 2
     near: float = 1e-6
     free: float = 1e-9
     n_basis: int = 3
