@@ -40,6 +40,12 @@ class OfPlate(NamedTuple):
     off_marks: bool
     shift: Float[Tensor, " n_term"]
 
+    def is_near(self, shift: Float[Tensor, " n_term"], most: float) -> bool:
+        """Whether a section is off by nearly as much as the one it was made of; where none wanders, by nothing."""
+        if len(shift) != len(self.shift):
+            return not bool(shift.any()) and not bool(self.shift.any())
+        return float((self.shift - shift).norm()) <= most
+
     def holds(self, model: PlateModel, plan: Plan, n_mode: int, off_marks: bool) -> bool:
         """Whether it holds another plate too.
 
@@ -165,7 +171,7 @@ class ModelBuilder:
         margin = margin or self.target.settings.meshes.margin
         off, last = self.target.imperfections.std("position_std") > 0, self._last.get(margin)
         shift = self._of_section(about)
-        if last is not None and float((last.shift - shift).norm()) <= self.target.settings.meshes.same_section:
+        if last is not None and last.is_near(shift, self.target.settings.meshes.same_section):
             shift = last.shift
         given = model
         if bool(shift.any()):
