@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from torchplate.diagnosis import model_builder
+from torchplate.diagnosis import problem as problem_module
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Problem
@@ -230,3 +231,20 @@ def test_a_basis_that_holds_the_end_too_is_not_built_anew(lab, plate, truth, mon
     # A modulus far from there has fewer of its modes in it.
     fit(builder, builder.given, torch.tensor([[0.1, 0.5, 0.4]], dtype=torch.float64), wide=False)
     assert len(built) > 1
+
+
+@torch.no_grad()
+def test_residuals_of_members_by_parts_are_those_of_all(builder, plate, monkeypatch):
+    model = builder.reduced(builder.given, builder.given.space.to_si(torch.full((1, 3), 0.5, dtype=torch.float64)))
+    marginal = builder.target.marginal(model, model.space.to_si(torch.full((3,), 0.5, dtype=torch.float64)))
+    problem, sharp = Problem(builder, model, {}, marginal), builder.target.levels - 1
+    members = torch.rand(2, 3, 3, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    for level in (0, sharp):
+        whole = problem.residual(members, level)
+        with monkeypatch.context() as patched:
+            # Less than the FRFs of one.
+            patched.setattr(problem_module, "AT_ONCE", 1)
+            parts = problem.residual(members, level)
+            squares = problem.squares(members.flatten(0, 1), level)
+        torch.testing.assert_close(parts, whole, rtol=1e-9, atol=1e-9 * float(whole.abs().max()))
+        torch.testing.assert_close(squares, whole.square().sum(-1).flatten(), rtol=1e-9, atol=0)
