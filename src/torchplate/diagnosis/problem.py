@@ -15,8 +15,8 @@ from torchplate.plate import transformed
 from torchplate.search import Descent, least_squares, recalled
 
 Prior = Mapping[str, tuple[float, float]]
-# Complex numbers of FRFs of several members that are laid out together: 64 MiB of them.
-AT_ONCE = 2**22
+# Complex numbers of FRFs of several members that are laid out together: 32 MiB of them.
+AT_ONCE = 2**21
 
 
 class Problem:

@@ -51,7 +51,8 @@ def forward_differences(
     """J by one step of √ε in each dimension, inward at the upper edge; half the price, error about √ε (1e-8)."""
     step = torch.finfo(position.dtype).eps ** 0.5
     value, offset = _shifted(function, position, torch.where(position > 1.0 - step, -step, step).unsqueeze(0))
-    return ((value[0] - residual) / offset[0]).movedim(0, -1)
+    # In place: a Jacobian of many residuals is most of the memory of a fit.
+    return (value[0] - residual).div_(offset[0]).movedim(0, -1)
 
 
 def _shifted(function: Residual, position: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
