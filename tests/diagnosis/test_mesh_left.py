@@ -178,6 +178,7 @@ def test_of_a_plate_with_a_lossy_patch_its_losses_have_their_mesh_error_taken_of
     wanted = lost(4, True)
     left = [float((lost(1, corrected) / wanted - 1).abs().max()) for corrected in (False, True)]
     assert left[1] < 0.3 * left[0]
-    assert left[0] > 0.05
+    # Of what a coarse mesh leaves where elements that the edges cut are integrated.
+    assert left[0] > 0.01
     # A patch that loses half as much lacks half as much of it.
     assert torch.allclose(lost(1, True, 0.15) / lost(1, True), torch.full_like(wanted, 0.5), rtol=0.03)

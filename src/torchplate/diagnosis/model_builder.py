@@ -72,12 +72,19 @@ class ModelBuilder:
         as_given: on the mesh as it is, with its error; else on a finer one whose error is taken off, held edges on
             springs.
         fineness: of that mesh; left out, that where effects are looked for.
+        even: bases are those of even plates, whatever is known of a specimen: where two tests of one are compared, what
+            they leave of it is then the same in both.
     """
 
     def __init__(
-        self, model: PlateModel, target: FrfTarget, as_given: bool = False, fineness: Fineness | None = None
+        self,
+        model: PlateModel,
+        target: FrfTarget,
+        as_given: bool = False,
+        fineness: Fineness | None = None,
+        even: bool = False,
     ) -> None:
-        self.target, self.as_given = target, as_given
+        self.target, self.as_given, self.even = target, as_given, even
         self.fineness = fineness or target.settings.meshes.searching
         self._count = [0]
         self.held, self.plain = held_edges(model), model
@@ -192,7 +199,7 @@ class ModelBuilder:
         """How far a specimen's section is off, in standard deviations; zeros where nothing is known of it."""
         wandering = self.target.wandering
         found = self.given.known.new_zeros(0 if wandering == UNIFORM else n_terms(wandering))
-        if about is not None:
+        if about is not None and not self.even:
             n = min(len(found), len(about.shift))
             found[:n] = about.shift[:n]
         return found
@@ -225,7 +232,7 @@ class ModelBuilder:
         if fineness == self.fineness:
             return self
         if fineness not in self._as_fine:
-            self._as_fine[fineness] = ModelBuilder(self.plain, self.target, fineness=fineness)
+            self._as_fine[fineness] = ModelBuilder(self.plain, self.target, fineness=fineness, even=self.even)
             self._as_fine[fineness]._count = self._count
         return self._as_fine[fineness].against(self.target)
 

@@ -175,7 +175,7 @@ def _begun(
     shared = {name: one for name, one in (common or {}).items() if name in given.names}
     if shared:
         given = given.replaced(searched=given.searched | shared)
-    builder = ModelBuilder(given, target, as_given, fineness)
+    builder = ModelBuilder(given, target, as_given, fineness, even=True)
     middle = builder.given.space.to_si(given.known.new_full((len(given.names),), 0.5))
     if not as_given:
         return builder.expecting(builder.corrected(builder.given, middle)), prior
