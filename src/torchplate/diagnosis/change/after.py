@@ -87,8 +87,10 @@ class After(Hypotheses):
             return self._ended(best)
         if begun is None:
             # A drift is put in once what has changed is nearly where it belongs: before, it would stand in for it.
-            best = self._drifting(one, best)
-            best = self._sharply(one, best.place, best.channels, best.drift, drifts=True)
+            # Channels that have taken on what a drift leaves hold it where it is: it is gone on from both.
+            begun_at = [best, *self._drifting(one, best)]
+            ended = [self._sharply(one, end.place, end.channels, end.drift, drifts=True) for end in begun_at]
+            best = min(ended, key=lambda end: end.fit.cost)
         if not names:
             return self._ended(best)
         for _ in range(self.reference.settings.n_turn - 1):
@@ -105,8 +107,8 @@ class After(Hypotheses):
                 break
         return self._ended(best)
 
-    def _drifting(self, one: Hypothesis, here: "End") -> "End":
-        """The same about a drift of all modes alike, where that is more probable.
+    def _drifting(self, one: Hypothesis, here: "End") -> list["End"]:
+        """The same about a drift of all modes alike, where there is one that is more probable than none.
 
         Beside a light damping two kelvin are more than a peak is wide: no least squares reaches there from where
         nothing has drifted. It is found along a line, by parabolas, before channels have taken on what it leaves.
@@ -118,7 +120,8 @@ class After(Hypotheses):
         def at(drift: float) -> tuple[float, float]:
             return self._judged(one, here.place, channels, drift * along).held, drift
 
-        best, step = at(0.0), settings.drift_mode
+        none = best = at(0.0)
+        step = settings.drift_mode
         for _ in range(settings.n_turn):
             before, middle = best
             sides = [at(middle - step), at(middle + step)]
@@ -128,8 +131,7 @@ class After(Hypotheses):
             if before - best[0] < little:
                 break
             step = step if abs(off) > 1 else 0.5 * step
-        there = self._judged(one, here.place, channels, best[1] * along)
-        return min(here, there, key=lambda end: end.held)
+        return [self._judged(one, here.place, channels, best[1] * along)] if none[0] - best[0] >= little else []
 
     def _sharply(
         self,
@@ -184,7 +186,23 @@ class After(Hypotheses):
         return here
 
     def _resting(self, one: Hypothesis, here: "End") -> "End":
-        """The same about a drift and channels that are most probable together, by Levenberg's steps."""
+        """The same about a drift and channels that are most probable together.
+
+        Where no step from there is taken, from a drift of all modes that is a standard deviation less and more, too.
+        """
+        found = self._rested(one, here)
+        if found.held < here.held or not one.n_drift:
+            return found
+        beside = torch.zeros_like(here.put_in)
+        beside[0] = 1.0
+        ends = [
+            self._rested(one, self._judged(one, here.place, here.at_their_marks, here.put_in + sign * beside))
+            for sign in (-1, 1)
+        ]
+        return min(found, *ends, key=lambda end: end.held)
+
+    def _rested(self, one: Hypothesis, here: "End") -> "End":
+        """The same from one place, by Levenberg's steps."""
         settings, fitting = self.reference.settings, self.builder.target.settings.fitting
         here, damping = self._judged(one, here.place, here.channels or here.at_their_marks, here.put_in), 0.0
         held = here.held
