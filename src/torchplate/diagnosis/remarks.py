@@ -11,8 +11,6 @@ from torchplate.diagnosis.settings import SETTINGS
 from torchplate.measurement import Noise
 from torchplate.notation import percent
 
-# A millimetre becomes a decimetre, half a per cent a half: nothing that a test has.
-ABSURD = 100.0
 # What the nuisances are called.
 NUISANCES = {
     "position_std": "hits and sensors off their marks",
@@ -72,7 +70,7 @@ def in_every_record(builder: ModelBuilder, noise: Noise) -> str:
 def would_take(fit: Fit) -> tuple[str, ...]:
     """How large noise and nuisances would have to be to explain what is left."""
     parts = [
-        f"{NUISANCES.get(name, name)} {_times(scale)} times as large as was said"
+        f"{NUISANCES.get(name, name)} {_times(scale, fit.comparison.absurd)} times as large as was said"
         for name, scale in excessive(fit).items()
     ]
     if fit.judged.noise_scale**2 > fit.comparison.noise_limit:
@@ -80,9 +78,9 @@ def would_take(fit: Fit) -> tuple[str, ...]:
     return (f"To explain it without any effect would take {', and '.join(parts)}.",) if parts else ()
 
 
-def _times(scale: float) -> str:
+def _times(scale: float, absurd: float) -> str:
     """How many times; where a nuisance would have to be absurdly large, how much so says nothing."""
-    return f"{scale:.1f}" if scale < ABSURD else f"more than {ABSURD:g}"
+    return f"{scale:.1f}" if scale < absurd else f"more than {absurd:g}"
 
 
 def all_remarks(noise: Noise, final: State, prior: Prior) -> tuple[str, ...]:

@@ -21,6 +21,8 @@ class Comparison:
             that is known from 200 numbers (`Knowledge.noise`).
         size_limit: nuisances may be so many times what was told of them, or taken for granted [-]: a standard deviation
             that a person gives is good to a factor of three.
+        absurd: beyond so many times what was told, by how much says nothing [-]: a millimetre becomes a decimetre, half
+            a per cent a half, and no test has that.
         finer: confidence in a finer mesh, where the evidence is for it [-]: what else it could be was not asked.
         on_bound: a uniform prior puts this part of itself as near to its ends as counts as on them [-].
     """
@@ -32,6 +34,7 @@ class Comparison:
     faint: float = 0.01
     noise_limit: float = 1.3
     size_limit: float = 3.0
+    absurd: float = 100.0
     finer: float = 0.99
     on_bound: float = 2e-3
 
