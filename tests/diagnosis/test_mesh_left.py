@@ -156,8 +156,8 @@ def test_of_a_plate_with_a_patch_the_mesh_error_is_taken_off_with_the_patch_in_i
 
 
 def test_of_a_plate_with_a_lossy_patch_its_losses_have_their_mesh_error_taken_off():
-    """Loss factors of modes on 14 × 14 elements against those on four times as many along a side."""
-    mesh = Mesh(SIDE, 0.8 * SIDE, 14, 14)
+    """Loss factors of modes on 7 × 7 elements against those on four times as many along a side."""
+    mesh = Mesh(SIDE, 0.8 * SIDE, 7, 7)
     own = {"x": 0.37, "y": 0.61, "size": 0.23, "loss_factor": 0.3}
     known = KNOWN | {f"patch.{key}": value for key, value in own.items()}
     effects = {"plate": Plate(), "patch": CATALOGUE["damping_patch"]()}
@@ -178,7 +178,6 @@ def test_of_a_plate_with_a_lossy_patch_its_losses_have_their_mesh_error_taken_of
     wanted = lost(4, True)
     left = [float((lost(1, corrected) / wanted - 1).abs().max()) for corrected in (False, True)]
     assert left[1] < 0.3 * left[0]
-    # Of what a coarse mesh leaves where elements that the edges cut are integrated.
-    assert left[0] > 0.01
+    assert left[0] > 0.05
     # A patch that loses half as much lacks half as much of it.
     assert torch.allclose(lost(1, True, 0.15) / lost(1, True), torch.full_like(wanted, 0.5), rtol=0.03)
