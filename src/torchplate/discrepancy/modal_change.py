@@ -35,41 +35,65 @@ class Bare(NamedTuple):
         each: 1 / z.
         shape: W, of complex modes in those of the plate without losses; None where each damps itself alone.
         inverse: W⁻¹.
+        turned: by how much W⁻¹ Z W is off its diagonal, at a line of another κ, over the change of κ; None where all
+            lines share their complex modes.
+        kappa: the change of κ at every line [-].
     """
 
     each: Complex[Tensor, "n_frequency n_mode"]
     shape: Complex[Tensor, "n_mode n_mode"] | None = None
     inverse: Complex[Tensor, "n_mode n_mode"] | None = None
+    turned: Complex[Tensor, "n_mode n_mode"] | None = None
+    kappa: Complex[Tensor, " n_frequency"] | None = None
 
     @classmethod
-    def of(cls, z: Tensor, hysteretic: Float[Tensor, "n_mode n_mode"] | None) -> "Bare":
+    def of(
+        cls,
+        z: Complex[Tensor, "n_frequency n_mode"],
+        hysteretic: Float[Tensor, "n_mode n_mode"] | None,
+        eigenvalue: Float[Tensor, " n_mode"],
+        kappa: Complex[Tensor, " n_frequency"],
+    ) -> "Bare":
         """Of denominators; where lines do not share their complex modes, about those of the one amid them.
 
         Args:
             z: of each mode at every line [rad²/s²].
             hysteretic: ΦᵀHΦ, its diagonal in z; None where the elements lose nothing by themselves.
+            eigenvalue: λ [rad²/s²].
+            kappa: what λ is times in z.
         """
         if hysteretic is None:
             return cls(reciprocal(z))
-        amid = z[len(z) // 2]
+        amid = len(z) // 2
         between = 1j * (hysteretic - torch.diag_embed(hysteretic.diagonal()))
-        value, shape = torch.linalg.eig(torch.diag_embed(amid) + between)
+        value, shape = torch.linalg.eig(torch.diag_embed(z[amid]) + between)
         inverse = torch.linalg.inv(shape)
-        # Lines share them where all denominators change alike.
-        return cls(reciprocal(value + (z - amid) @ (inverse.mT * shape)), shape, inverse)
+        each = reciprocal(value + (z - z[amid]) @ (inverse.mT * shape))
+        change = kappa - kappa[amid]
+        if not change.any():
+            return cls(each, shape, inverse)
+        turned = inverse @ (eigenvalue[:, None] * shape)
+        return cls(each, shape, inverse, turned - torch.diag_embed(turned.diagonal()), change)
 
     def over(self, left: Tensor, right: Tensor) -> Complex[Tensor, "n_frequency n_left n_right"]:
         """Σ_mn l_m Z⁻¹_mn r_n at every line, for all pairs of rows."""
         if self.shape is None or self.inverse is None:
             return _over(self.each, left, right)
         from_left, from_right = left.to(self.shape) @ self.shape, self.inverse @ right.mT.to(self.shape)
-        return (from_left * self.each[:, None]) @ from_right
+        return self._in_complex_modes(from_left) @ from_right
 
     def times(self, rows: Tensor) -> Complex[Tensor, "n_frequency n_row n_mode"]:
         """Rows times Z⁻¹; the same at every line, or others."""
         if self.shape is None or self.inverse is None:
             return rows * self.each[:, None]
-        return ((rows.to(self.shape) @ self.shape) * self.each[:, None]) @ self.inverse
+        return self._in_complex_modes(rows.to(self.shape) @ self.shape) @ self.inverse
+
+    def _in_complex_modes(self, rows: Tensor) -> Complex[Tensor, "n_frequency n_row n_mode"]:
+        """Rows times (W⁻¹ZW)⁻¹, to the first order of what is off its diagonal."""
+        found = rows * self.each[:, None]
+        if self.turned is None or self.kappa is None:
+            return found
+        return found - (found @ self.turned) * (self.kappa[:, None] * self.each)[:, None]
 
 
 class Responses(NamedTuple):
@@ -228,6 +252,7 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
     denominator = bare + force.mT @ attached.square().to(force)
     plain = eigenvalue + laplace[:, None].square()
     kappa, _ = system.proportional.at(laplace)
+    of_bare = Bare.of(bare, impedance.hysteretic, eigenvalue, kappa.expand(len(bare)))
     left = model.assembly.rows(model.mesh.deflection_at(response)) @ shape
     right = model.excitation(plan, reference) @ shape
     n_low = int((eigenvalue < (REACH * float(laplace.imag.max())) ** 2).sum())
@@ -240,7 +265,6 @@ def by_modes(model: PlateModel, plan: Plan, laplace: Tensor, response: Tensor, r
         lossy = Correction.measure(section.lossy_rigidity, geometry) / whole
     damping = denominator - plain
     inverse = reciprocal(denominator)
-    of_bare = Bare.of(bare, impedance.hysteretic)
     from_left, from_right = (_responses(of_bare, attached, force, rows) for rows in (left, right))
     return Modal(
         eigenvalue,
