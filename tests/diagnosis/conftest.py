@@ -104,10 +104,10 @@ NUMBERS = {"youngs_modulus": 2.05e11, "poisson_ratio": 0.3, "density": 7850.0, "
 BOX = {"plate.youngs_modulus": Searched(1.8e11, 2.3e11), "loss.stiffness_loss_factor": Searched(1e-3, 5e-2, True)}
 
 
-def small_plate(searched=None, gain=1.0, mass=0.0, wire=(), patch=1.0, ratio=1.0, aspect=1.0) -> PlateModel:
+def small_plate(searched=None, gain=1.0, mass=0.0, wire=(), patch=1.0, ratio=1.0, aspect=1.0, loss=1e-2) -> PlateModel:
     """A free plate with ten modes below 300 Hz, and a gain, a mass, a wire, a soft patch and a grain hidden in it."""
     effects = {"plate": CATALOGUE["plate"](), "loss": CATALOGUE["hysteretic_damping"]()}
-    known = {f"plate.{name}": value for name, value in NUMBERS.items()} | {"loss.stiffness_loss_factor": 1e-2}
+    known = {f"plate.{name}": value for name, value in NUMBERS.items()} | {"loss.stiffness_loss_factor": loss}
     if gain != 1.0:
         effects["amplifier"] = CATALOGUE["sensor_gain"]()
         known["amplifier.gain"] = gain
@@ -144,16 +144,16 @@ def leaving(fit: Fit, square: float) -> Fit:
 class Scene:
     """A baseline beside FRFs whose level is 10 % too high unless told otherwise, with a noise of a hundredth."""
 
-    def __init__(self, young=None, hidden=None):
+    def __init__(self, young=None, hidden=None, lines=SMALL_LINES, box=None):
         with torch.no_grad():
-            frf = small_plate(**(hidden or {"gain": 1.1})).frf(NOBODY, SMALL_LINES)
+            frf = small_plate(**(hidden or {"gain": 1.1})).frf(NOBODY, lines)
         std = true_std(frf, 0.01, "signal")
         noise = Noise(std, true_floor(std, frf), (), torch.zeros_like(std))
-        frfs = measured(SMALL_LINES, frf + noise_of(std, 4), SMALL_RESPONSE, SMALL_REFERENCE)
+        frfs = measured(lines, frf + noise_of(std, 4), SMALL_RESPONSE, SMALL_REFERENCE)
         # Ten modes in the band, and no mesh error: the data come from the same mesh.
         target = FrfTarget(frfs, noise, torch.zeros(2, 3, dtype=torch.bool))
-        target = target.with_mesh_error(torch.zeros_like(SMALL_LINES), 0.0, 10)
-        self.builder = ModelBuilder(small_plate(BOX), target, as_given=True)
+        target = target.with_mesh_error(torch.zeros_like(lines), 0.0, 10)
+        self.builder = ModelBuilder(small_plate(BOX | (box or {})), target, as_given=True)
         model = self.builder.given
         self.ranking = Ranking(self.builder, {}, channels_of(model), lambda _: None)
         theta = torch.tensor([young or 2.05e11, 1e-2], dtype=torch.float64)

@@ -15,6 +15,7 @@ from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.remarks import would_take
 from torchplate.diagnosis.selection.criterion import (
     Hypothesis,
+    Weight,
     choose,
     evidence,
     excessive,
@@ -156,14 +157,16 @@ def test_a_parameter_on_its_bound_costs_and_makes_less_sure():
 
 
 def test_a_parameter_costs_what_the_data_say_of_it_more_than_its_prior_did():
-    free = evidence(fitted(200.0), 1.0)
+    free = evidence(fitted(200.0), Weight())
     # On the unit cube a uniform prior has the precision 12.
-    assert evidence(fitted(200.0, [12e4]), 1.0) - free == pytest.approx(math.log(1 + 1e4))
-    assert evidence(fitted(200.0, [12e4, 12e2]), 1.0) - free == pytest.approx(math.log(1 + 1e4) + math.log(1 + 1e2))
+    assert evidence(fitted(200.0, [12e4]), Weight()) - free == pytest.approx(math.log(1 + 1e4))
+    assert evidence(fitted(200.0, [12e4, 12e2]), Weight()) - free == pytest.approx(
+        math.log(1 + 1e4) + math.log(1 + 1e2)
+    )
     # What the data do not see costs nothing, and what is known as well beforehand next to nothing.
-    assert evidence(fitted(200.0, [0.0]), 1.0) == pytest.approx(free)
+    assert evidence(fitted(200.0, [0.0]), Weight()) == pytest.approx(free)
     told = torch.tensor([12e4], dtype=torch.float64)
-    assert evidence(fitted(200.0, [12e4], told=told), 1.0) - free == pytest.approx(math.log(2.0))
+    assert evidence(fitted(200.0, [12e4], told=told), Weight()) - free == pytest.approx(math.log(2.0))
     # So a model of fewer parameters is named where one of more is hardly nearer.
     few, many = hypothesis("ground_spring", 200.0, [12e4]), hypothesis("stiffness_loss", 199.0, [12e4, 12e4])
     assert choose([few, many], fitted(FAR)).best.name == "ground_spring"
@@ -182,7 +185,7 @@ def test_a_broken_tolerance_and_a_coincidence_speak_against_a_name():
 def test_no_test_counts_more_than_the_model_of_noise_and_nuisances_is_worth(n_modal):
     for n in (30.0, 3e3, 3e5, 3e7):
         left = [fitted(0.0, n=n, noise_scale=kappa, n_modal=n_modal) for kappa in (0.9, 1.0, 1.2, 2.0, 10.0, 1e3)]
-        effective = [weight_of([one]) * n for one in left]
+        effective = [weight_of([one]).likelihood * n for one in left]
         assert max(effective) <= min(n, 1 / SETTINGS.misspecified) * (1 + 1e-9)
         # The more is left that is not noise, the less each line says.
         assert all(after <= before * (1 + 1e-9) for before, after in itertools.pairwise(effective))
@@ -193,12 +196,12 @@ def test_where_twice_the_noise_is_left_half_of_it_says_no_more_than_modes_do():
     n, n_modal = 3e5, 60.0
     independent = 1 / n + SETTINGS.misspecified
     assert independent < 1 / n_modal
-    found = weight_of([fitted(0.0, n=n, noise_scale=2**0.5, n_modal=n_modal)])
+    found = weight_of([fitted(0.0, n=n, noise_scale=2**0.5, n_modal=n_modal)]).likelihood
     assert 1 / (n * found) == pytest.approx(0.5 * independent + 0.5 / n_modal, rel=1e-9)
 
 
 def test_where_modes_wander_by_more_than_their_width_they_count_by_their_number():
-    found = [weight_of([fitted(0.0, second_order=part)]) * N for part in (0.0, 0.3, 0.9, 1.0)]
+    found = [weight_of([fitted(0.0, second_order=part)]).likelihood * N for part in (0.0, 0.3, 0.9, 1.0)]
     assert found == sorted(found, reverse=True)
     assert found[-1] == pytest.approx(2 * 10)
 
@@ -206,26 +209,37 @@ def test_where_modes_wander_by_more_than_their_width_they_count_by_their_number(
 def test_about_a_specimen_what_the_second_order_leaves_is_of_each_channel():
     known = SimpleNamespace(about=Found(NONE, torch.zeros(0, 0, dtype=torch.float64)))
     found = fitted(0.0, second_order=1.0)._replace(beside=known)
-    assert weight_of([found]) * N == pytest.approx(300.0)
+    assert weight_of([found]).likelihood * N == pytest.approx(300.0)
 
 
 def test_what_nuisances_cost_is_not_tempered():
     """A thickness that would have to wander far is as improbable however many lines say so."""
     plain, wide = (fitted(cost, complexity=cost, n=1e6) for cost in (0.0, 40.0))
     weight = weight_of([plain])
-    assert weight < 0.02
+    assert weight.likelihood < 0.02
     assert evidence(wide, weight) - evidence(plain, weight) == pytest.approx(40.0)
     # The same fall of the data's part is worth no more than the model of the noise is.
     worse = fitted(40.0, n=1e6)
-    assert evidence(worse, weight) - evidence(plain, weight) == pytest.approx(weight * 40.0)
+    assert evidence(worse, weight) - evidence(plain, weight) == pytest.approx(weight.likelihood * 40.0)
     # Where far more than noise is left, nuisances that have taken some of it say no more than the data.
     plain, wide = (fitted(cost, complexity=cost, n=1e6, noise_scale=100.0) for cost in (0.0, 4e4))
-    assert evidence(wide, weight) - evidence(plain, weight) < 2 * weight * 4e4
+    weight = weight_of([plain, wide])
+    assert evidence(wide, weight) - evidence(plain, weight) < 2 * weight.likelihood * 4e4
+
+
+def test_what_nuisances_cost_counts_alike_for_all_that_are_compared():
+    """A model whose mesh and section are not known has that to pay beside every effect, however much these leave."""
+    alike = {"complexity": 4000.0, "n": 1e4, "n_modal": 650.0}
+    before, after = fitted(0.0, noise_scale=2.3, **alike), hypothesis("density", -2e4, noise_scale=1.15, **alike)
+    weight = weight_of([before, after.fit])
+    assert evidence(before, weight) - evidence(after.fit, weight) == pytest.approx(weight.likelihood * 2e4)
+    assert is_needed(before, after)
 
 
 def test_the_fit_that_leaves_least_says_what_numbers_are_worth():
     good, bad = fitted(0.0), fitted(500.0, noise_scale=20.0)
-    assert weight_of([bad, good]) == weight_of([good]) > 3 * weight_of([bad])
+    assert weight_of([bad, good]) == weight_of([good])
+    assert weight_of([good]).likelihood > 3 * weight_of([bad]).likelihood
 
 
 def test_nothing_is_named_where_nothing_is_more_probable():
@@ -312,5 +326,5 @@ def test_a_nuisance_that_would_have_to_be_absurdly_large_is_not_told_to_a_digit(
 def test_beside_a_model_error_lines_say_no_more_than_modes_do():
     """However small what is left is over that error, whose size nobody knows."""
     few, many = (fitted(200.0, by_noise=one, noise_scale=0.05) for one in (False, True))
-    assert weight_of([few]) == pytest.approx(few.n_modal / N, rel=0.05)
-    assert weight_of([many]) == pytest.approx(WEIGHT)
+    assert weight_of([few]).likelihood == pytest.approx(few.n_modal / N, rel=0.05)
+    assert weight_of([many]).likelihood == pytest.approx(WEIGHT)

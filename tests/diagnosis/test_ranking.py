@@ -16,6 +16,7 @@ from torchplate.diagnosis.selection.shortlist import kept
 from torchplate.diagnosis.selection.starts import spread_out
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 from torchplate.diagnosis.settings import SETTINGS
+from torchplate.model import Searched
 
 # What candidates promise to take from −2 ln L, the best one first.
 PROMISED = {"gain": 41.0, "mass": 22.0, "spring": 12.0, "delay": 3.0}
@@ -405,6 +406,26 @@ def test_what_else_may_sit_where_the_best_does_is_tried_there(lab, monkeypatch):
     # Where the best explains little, its place is none to look at.
     little = replace(mass, fit=lab.leaving(mass.fit, 0.8 * scene.fit.square))
     assert scene.ranking.instead.of(scene.state, little, everyone, module.NOBODY) == []
+
+
+@pytest.mark.check
+@torch.no_grad()
+def test_a_twin_that_moves_the_modulus_by_many_widths_of_a_peak_is_found(lab):
+    """A level 4 % too low is more mass: of a density beside a higher modulus, or of a thickness beside a lower one."""
+    box = {"plate.youngs_modulus": Searched(1.4e11, 2.9e11), "loss.stiffness_loss_factor": Searched(1e-4, 5e-2, True)}
+    scene = lab.Scene(
+        hidden={"gain": 1 / 1.04, "loss": 2e-4}, lines=torch.linspace(10.0, 300.0, 400, dtype=torch.float64), box=box
+    )
+    everyone = [scene.candidate(name) for name in ("density", "thickness")]
+    whole = with_candidate(scene.state.model, "density_1", everyone[0])
+    start = torch.tensor([1.04 * 2.05e11, 1.04 * 7850.0, 2e-4]).double()
+    heavier = scene.hypothesis("density", start=whole.space.to_cube(start))
+    assert is_noise(heavier.fit)
+    (thicker,) = scene.ranking.instead.of(scene.state, heavier, everyone, module.NOBODY)
+    assert is_noise(thicker.fit)
+    values = thicker.fit.model.as_dict(thicker.fit.theta)
+    assert values["thickness_1.value"] == pytest.approx(1.04 * 0.003, rel=1e-3)
+    assert values["plate.youngs_modulus"] == pytest.approx(2.05e11 / 1.04**2, rel=2e-3)
 
 
 @pytest.mark.check

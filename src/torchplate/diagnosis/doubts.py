@@ -14,13 +14,13 @@ from torchplate.diagnosis.settings import SETTINGS
 def doubts_of(final: State) -> tuple[Doubt, ...]:
     """One for each named effect, the others as they are beside it; of the model itself where nothing is named."""
     if not final.named:
-        weight = weight_of([final.fit])
+        weight = weight_of([final.fit]).likelihood
         return (_doubt("", [_rival(final.fit, weight)], final.fit, weight),)
     return tuple(_of_choice(one.known) for one in final.named)
 
 
 def _of_choice(known: Choice) -> Doubt:
-    weight = weight_of([one.fit for one, _ in known.every])
+    weight = weight_of([one.fit for one, _ in known.every]).likelihood
     rivals = [
         _rival(one.fit, weight, one.name, one.label, probability)
         for one, probability in known.every

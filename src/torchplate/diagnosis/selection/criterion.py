@@ -6,7 +6,10 @@ one, 1/σ² for what a ruler says) and A the information of the data, Laplace's 
     −2 ln Z = w (−2 ln L) + C + Σ ((θ − μ)/σ)² + ln |P + wA| − ln |P|,
 
 L the likelihood beside the nuisances as they were found, C what these cost: how improbable they are, and ln |I + K|. w
-tempers the likelihood, because noise and nuisances are not known any better: n numbers count as n_eff = w n. Where
+tempers the likelihood, because noise and nuisances are not known any better: n numbers count as n_eff = w n. Of C
+counts w + (1 − w) / κ²: where far more than noise is left, κ² times as much, nuisances take on what the model lacks,
+and say no more than the data do. w and κ are those of the hypothesis that leaves least, the same for all that are
+compared. Where
 noise is left, 1/n_eff = 1/n + ε; where more is left, the rest is not independent from line to line, and it says no
 more than there are frequencies, dampings and deflections of modes:
 
@@ -25,6 +28,7 @@ model of the data is worth.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -38,6 +42,18 @@ from torchplate.model import PlateModel
 
 # Precision of a uniform prior on the unit cube, one over its variance: nobody chose it.
 UNIFORM = 12.0
+
+
+class Weight(NamedTuple):
+    """What counts of what hypotheses cost, the same for all that are compared.
+
+    Attributes:
+        likelihood: w = n_eff / n, of −2 ln L [-].
+        nuisances: of what these cost [-].
+    """
+
+    likelihood: float = 1.0
+    nuisances: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -84,10 +100,10 @@ class Hypothesis:
     @property
     def cost(self) -> float:
         """−2 ln of likelihood and prior together, every number counted as one."""
-        return self.against(1.0)
+        return self.against(Weight())
 
-    def against(self, weight: float) -> float:
-        """−2 ln Z and of the prior probability, at a weight of the likelihood."""
+    def against(self, weight: Weight) -> float:
+        """−2 ln Z and of the prior probability, at a weight of likelihood and nuisances."""
         return evidence(self.fit, weight) + self.prior
 
 
@@ -119,32 +135,31 @@ class Choice:
         return abs(one.against(weight) - self.best.against(weight)) <= near
 
 
-def evidence(fit: Fit, weight: float) -> float:
+def evidence(fit: Fit, weight: Weight) -> float:
     """−2 ln Z of a fitted model, up to a constant of the measurement."""
     prior = torch.where(fit.told > 0, fit.told, UNIFORM)
     occam = 0.0
     if len(prior):
         root = prior.rsqrt()
-        scaled = torch.eye(len(prior)).to(prior) + weight * root[:, None] * fit.information * root
+        scaled = torch.eye(len(prior)).to(prior) + weight.likelihood * root[:, None] * fit.information * root
         occam = float(torch.linalg.slogdet(scaled).logabsdet)
     on_bound = -2 * math.log(fit.comparison.on_bound) * fit.n_on_bound
     return tempered(fit, weight) + occam + on_bound
 
 
-def tempered(fit: Fit, weight: float) -> float:
-    """−2 ln L and of the prior of the parameters at a fit, the likelihood at its weight."""
+def tempered(fit: Fit, weight: Weight) -> float:
+    """−2 ln L and of the prior of the parameters at a fit, the likelihood and what nuisances cost at their weights."""
     judged = fit.judged
-    # Where far more than noise is left, nuisances take on what the model lacks, and say no more than the data do.
-    full = weight + (1 - weight) / max(1.0, judged.noise_scale**2)
-    return weight * (judged.cost - judged.complexity) + full * judged.complexity + fit.prior
+    of_data = judged.cost - judged.complexity
+    return weight.likelihood * of_data + weight.nuisances * judged.complexity + fit.prior
 
 
-def weight_of(fits: Sequence[Fit]) -> float:
-    """n_eff / n of the fit that leaves least."""
+def weight_of(fits: Sequence[Fit]) -> Weight:
+    """Of fits that are compared, from the one that leaves least."""
     best = min(fits, key=lambda one: one.judged.noise_scale)
     n = max(1.0, best.judged.n)
-    second = best.judged.second_order
-    unexplained = (1 - second) * max(0.0, 1 - 1 / max(1e-9, best.judged.noise_scale) ** 2)
+    second, square = best.judged.second_order, best.judged.noise_scale**2
+    unexplained = (1 - second) * max(0.0, 1 - 1 / max(1e-18, square))
     if not best.by_noise:
         # Beside the error that a model as such leaves, none of what is left is noise, however little of that it is.
         unexplained = 1 - second
@@ -152,7 +167,8 @@ def weight_of(fits: Sequence[Fit]) -> float:
     # What is left of few lines, or of very many modes, says no more than as many independent numbers do.
     of_second = 2 * best.n_mode if best.about is None else best.n_modal
     shared = unexplained * max(independent, 1 / best.n_modal) + second * max(independent, 1 / of_second)
-    return min(1.0, 1 / (n * ((1 - second - unexplained) * independent + shared)))
+    likelihood = min(1.0, 1 / (n * ((1 - second - unexplained) * independent + shared)))
+    return Weight(likelihood, likelihood + (1 - likelihood) / max(1.0, square))
 
 
 def choose(hypotheses: Sequence[Hypothesis], none: Fit, best: Hypothesis | None = None) -> Choice:

@@ -50,7 +50,8 @@ class Instead:
         for one, label, members in ways:
             whole = with_candidate(state.model, label, one)
             starts = torch.stack([start_of(whole, theta, state.model, own, label) for own in members])
-            starts = nearest(self.builder, self.prior, whole, starts, about)
+            # What takes the place of one all over the plate moves the others, as a thickness a modulus, by many widths.
+            starts = nearest(self.builder, self.prior, whole, starts, about, down=place is None)
             limit = self.settings.searching.hopeless * min(other.fit.square for other in found)
             found.append(self.refits.refit(state, one, label, starts, limit, about, beat=beat))
         return found[1:]

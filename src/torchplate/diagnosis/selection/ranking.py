@@ -417,4 +417,4 @@ class Ranking:
 def _never(best: Fit) -> float:
     """How much less probable, in −2 ln L, a hypothesis has to be for never being the equivalent of the best."""
     comparison = best.comparison
-    return -2 * math.log((1 - comparison.credible) * comparison.beyond) / weight_of([best])
+    return -2 * math.log((1 - comparison.credible) * comparison.beyond) / weight_of([best]).likelihood

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from torchplate.diagnosis.candidates.trials import spread_at
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
-from torchplate.diagnosis.problem import Prior, Problem
+from torchplate.diagnosis.problem import Prior, Problem, widely
 from torchplate.diagnosis.selection.screen import Scored, start_of
 from torchplate.diagnosis.selection.trace import State
 from torchplate.discrepancy import Found
@@ -44,7 +44,12 @@ def spread_out(
 
 
 def nearest(
-    builder: ModelBuilder, prior: Prior, model: PlateModel, members: Float[Tensor, "n_member n"], about: Found | None
+    builder: ModelBuilder,
+    prior: Prior,
+    model: PlateModel,
+    members: Float[Tensor, "n_member n"],
+    about: Found | None,
+    down: bool = False,
 ) -> Float[Tensor, "n_start n"]:
     """Of many members those that are nearest where spectra are smoothed a little.
 
@@ -54,8 +59,10 @@ def nearest(
         model: of which these are members, in all dofs.
         members: on the unit cube.
         about: the specimen that they stand for.
+        down: whether ends of ways down the wide levels come before them.
     """
     target, theta = builder.target, model.space.to_si(members[:1])
     reduced = target.specimen(builder.reduced(model, theta, about=about), theta[0], about)
-    left = Problem(builder, reduced, prior).squares(members, target.levels - 2)
-    return members[left.argsort()[: builder.target.settings.screening.n_start]]
+    problem, settings = Problem(builder, reduced, prior), target.settings
+    near = members[problem.squares(members, target.levels - 2).argsort()[: settings.screening.n_start]]
+    return torch.cat([widely(problem, near, settings.selecting.n_best)[0], near]) if down else near
