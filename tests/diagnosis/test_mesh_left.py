@@ -11,7 +11,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.effects import CATALOGUE, HystereticDamping, Plate
 from torchplate.measurement import Imperfections
-from torchplate.model import PlateModel, Searched, extrapolate, ritz_basis, solve_modes
+from torchplate.model import PlateModel, Searched, extrapolate, on_mesh, ritz_basis, solve_modes
 from torchplate.plate import EDGES, Mesh
 
 SIDE = 0.48
@@ -153,6 +153,39 @@ def test_of_a_plate_with_a_patch_the_mesh_error_is_taken_off_with_the_patch_in_i
     assert off(builder.taken_off_at(whole, theta)) < 0.3 * before
     # What others share stays as it is.
     assert off(builder) == before
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(
+    ("name", "value"), [("plate.poisson_ratio", 0.2), ("grain.young_ratio", 0.6), ("aspect.ratio", 1.3)]
+)
+@torch.no_grad()
+def test_of_a_plate_of_another_kind_the_mesh_error_is_taken_off_anew(lab, name, value):
+    """Modes on a mesh of 14 × 14 elements, their error taken off beside another plate, against one much finer."""
+    bare = lab.Scene().builder.plain
+    more = {"grain": CATALOGUE["orthotropy"](), "aspect": CATALOGUE["aspect_ratio"]()}
+    neutral = bare.known_values | {"grain.young_ratio": 1.0, "grain.shear_factor": 1.0, "aspect.ratio": 1.0}
+    bare = bare.replaced(effects=bare.effects | more, known=neutral)
+    builder, fine = (
+        ModelBuilder(bare, lab.Scene().builder.target, fineness=replace(SETTINGS.meshes.searching, least=200 * n))
+        for n in (1, 9)
+    )
+    theta = bare.space.to_si(torch.tensor([0.4, 0.3], dtype=torch.float64))
+    given = builder.corrected(builder.given, theta)
+    other = builder.given.replaced(known=neutral | {name: value})
+
+    def seen(maker: ModelBuilder, corrected: PlateModel) -> torch.Tensor:
+        """Natural frequencies, those of a free plate's own motion left out [Hz]."""
+        return maker.reduced(corrected, theta[None]).natural_frequencies(theta)[3:12]
+
+    wanted = seen(fine, fine.corrected(fine.adopt(other), theta).model)
+    taken_off = [builder.corrected(other, theta).model, on_mesh(other, given.model.assembly)]
+    anew, shared = (float((seen(builder, one) / wanted - 1).abs().max()) for one in taken_off)
+    assert anew < 1e-4 < shared
+    # Plates that share their modes share it; and it is known still for those that had it first.
+    stiffer = builder.given.replaced(known=neutral | {"plate.thickness": 0.004})
+    for one in (stiffer, builder.given):
+        assert builder.corrected(one, theta).model.assembly is given.model.assembly
 
 
 def test_of_a_plate_with_a_lossy_patch_its_losses_have_their_mesh_error_taken_off():

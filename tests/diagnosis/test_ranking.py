@@ -320,6 +320,20 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, 
     assert same.fit is right.fit
 
 
+@torch.no_grad()
+def test_one_that_leaves_noise_stopped_short_too_where_a_support_is_far_more_likely(lab):
+    scene = lab.Scene(hidden={"wire": (700.0, 0.0)})
+    right = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
+    theta = right.fit.theta.clone()
+    theta[[right.fit.model.names.index(f"{right.label}.stiffness")]] *= 0.6
+    short = replace(right, fit=judged_at(scene.builder, right.fit, {}, right.fit.model.space.to_cube(theta)))
+    assert is_noise(short.fit)
+    assert short.cost > right.cost + 2 * SETTINGS.selecting.nothing**2
+    again, _ = scene.ranking.grounded.as_supports(scene.state, short)
+    assert again.name == "ground_spring"
+    assert again.fit.cost == pytest.approx(right.fit.cost, abs=1.0)
+
+
 @pytest.mark.parametrize("needed", [(), ("gain",)])
 def test_beside_noise_what_promises_no_more_than_chance_waits_for_one_that_is_needed(scene, monkeypatch, needed):
     one, state, nothing = scene.hypothesis("sensor_gain"), scene.state, torch.zeros(0)

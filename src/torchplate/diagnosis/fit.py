@@ -108,7 +108,7 @@ def fit(
     other: PlateModel | None = None
     for turn in range(settings.most_bases):
         theta = model.space.to_si(position)
-        if turn == 0 or (turn == 1 and builder.held):
+        if turn <= 1:
             corrected = builder.corrected(model, theta).model
         plain = builder.reduced(corrected, theta[None], about=about)
         specimens = target.specimens(plain, theta)

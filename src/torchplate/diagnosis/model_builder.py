@@ -8,6 +8,7 @@ unless the last one holds them too.
 import copy
 import dataclasses
 import math
+from collections import deque
 from typing import NamedTuple
 
 import torch
@@ -63,6 +64,39 @@ class OfPlate(NamedTuple):
         return shares_basis(model, self.plan, plan, n_mode)
 
 
+class OfKind(NamedTuple):
+    """A mesh error that was taken off, and the kind of plate that has it.
+
+    Attributes:
+        found: the plate without it.
+        kind: what its modes hang on beside the size of its rigidity; see `kind_of`.
+    """
+
+    found: Extrapolated
+    kind: Float[Tensor, " n_entry"]
+
+    def holds(self, kind: Float[Tensor, " n_entry"], shift: float) -> bool:
+        """Whether another plate has nearly the same error; what kinds differ by changes it by as much of itself.
+
+        Args:
+            kind: of that plate.
+            shift: by how much of itself a natural frequency may be off [-].
+        """
+        worst = float(self.found.error.abs().amax()) if len(self.found.error) else 0.0
+        return float((kind - self.kind).norm()) * worst <= shift
+
+
+def kind_of(plan: Plan) -> Float[Tensor, " n_entry"]:
+    """Rigidities over unit sides, mean over the elements, over their norm [-]: so plates of one kind share their modes.
+
+    D_ij of κ_x, κ_y and 2 κ_xy goes with 1/(L_i L_j) of these over a square.
+    """
+    x, y = plan.geometry
+    side = torch.stack([x.square(), y.square(), x * y]).to(plan.section.rigidity)
+    found = plan.section.rigidity.mean(-3) / (side[:, None] * side)
+    return (found / found.norm()).flatten()
+
+
 class ModelBuilder:
     """Builds models of one plate and counts what they cost.
 
@@ -92,7 +126,7 @@ class ModelBuilder:
         self.mesh = model.mesh if as_given else working_mesh(model.mesh, self.fineness.least)
         self._assembly = Assembly(self.mesh, dense=False).to(model.known)
         self._finer: Assembly | None = None
-        self._known: list[Extrapolated] = []
+        self._known: deque[OfKind] = deque(maxlen=target.settings.meshes.n_kind)
         self._as_fine: dict[Fineness, ModelBuilder] = {}
         # The last basis of each margin, which may hold the next plate too, or from which its own is found.
         self._last: dict[float, OfPlate] = {}
@@ -116,7 +150,9 @@ class ModelBuilder:
         """A model whose mesh error is taken off, and natural frequencies with their relative errors.
 
         What the stiffness of a plate lacks on a mesh goes with its rigidity, whatever is attached to it: it is found
-        once. Edges that are held on springs are another matter, and so is a section that differs from place to place.
+        once for all plates of a kind. With Poisson's ratio, the grain, or the ratio of the sides the modes change, and
+        it with them. Edges that are held on springs are another matter, and so is a section that differs from place to
+        place.
 
         Args:
             model: in all dofs.
@@ -129,10 +165,16 @@ class ModelBuilder:
             return Extrapolated(plain, nothing, nothing)
         if anew:
             return self._extrapolated(plain, theta)
-        if self.held or not self._known:
-            self._known[:] = [self._extrapolated(plain, theta)]
-        found = self._known[0]
-        return found._replace(model=on_mesh(plain, found.model.assembly))
+        kind = kind_of(model.plan(theta))
+        holding = (index for index, one in enumerate(self._known) if one.holds(kind, self.fineness.shift))
+        if self.held or (index := next(holding, None)) is None:
+            known = OfKind(self._extrapolated(plain, theta), kind)
+        else:
+            known = self._known[index]
+            del self._known[index]
+        # The one that was asked for last goes last.
+        self._known.append(known)
+        return known.found._replace(model=on_mesh(plain, known.found.model.assembly))
 
     def taken_off_at(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> "ModelBuilder":
         """The same, the mesh error taken off being that of a plate whose section differs from place to place.
@@ -142,7 +184,10 @@ class ModelBuilder:
             theta: its searched parameters.
         """
         twin = self.against(self.target)
-        twin._known = [] if self.as_given else [self.corrected(model, theta, anew=True)]
+        twin._known = deque(maxlen=self._known.maxlen)
+        if not self.as_given:
+            found = self.corrected(model, theta, anew=True)
+            twin._known.append(OfKind(found, kind_of(model.plan(theta))))
         return twin
 
     def _extrapolated(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Extrapolated:

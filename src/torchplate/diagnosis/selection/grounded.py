@@ -8,7 +8,7 @@ import torch
 from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at, tighter_at
 from torchplate.diagnosis.fit import NOBODY, Beat
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
+from torchplate.diagnosis.selection.criterion import Hypothesis, weight_of
 from torchplate.diagnosis.selection.refit import Refits
 from torchplate.diagnosis.selection.trace import State
 
@@ -54,12 +54,12 @@ class Grounded:
             found = replace(found, coincidence=tighter.coincidence)
         wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
         supports = [self._priced(self.refits.from_trials(state, one, theta, hopeless, beat), found) for one in wanted]
-        best = min(supports, key=lambda one: one.fit.square)
-        nearer = (1 - self.settings.stopped_short) * found.fit.square
-        stopped_short = best.fit.square < nearer and not is_noise(found.fit)
-        if tighter is None and stopped_short and not taken_up:
+        best = min(supports, key=lambda one: one.fit.cost)
+        # One number more takes so much by chance, or because it is there; else the way there had stopped short.
+        nearer = found.fit.cost - self.settings.nothing**2 / weight_of([best.fit]).likelihood
+        if tighter is None and best.fit.cost < nearer and not taken_up:
             again = self._from_support(state, found, best, hopeless)
-            if again.fit.square < nearer:
+            if again.fit.cost < nearer:
                 return self.as_supports(state, again, hopeless, beat, taken_up=True)
         return found, supports
 

@@ -39,6 +39,7 @@ class Meshes:
             left of modes beyond goes with (1/roughly)⁴ of what they give at rest, less than smoothing takes.
         corrected: modes whose mesh error is taken off, likewise [-]: what higher ones leave of theirs is of the second
             order in the size of the elements, and shows between resonances.
+        n_kind: kinds of plates whose mesh errors are kept [-]: those of hypotheses that are fitted beside one another.
         rounding: what the basis and the solver leave, relative to the FRF [-].
         shape: what the mesh leaves of the modes' deflections and of the static flexibility, relative to the level
             around a line, at the low and at the high end of the band [-].
@@ -52,6 +53,7 @@ class Meshes:
     same_section: float = 0.2
     roughly: float = 1.5
     corrected: float = 5.0
+    n_kind: int = 8
     rounding: float = 5e-4
     shape: tuple[float, float] = (4e-4, 1.8e-3)
     give: float = 0.016

@@ -105,7 +105,8 @@ class Selecting:
             nothing of the catalogue explains them.
         small_gap: gap below which what closed it may have been the mesh, in noise floors [-].
         nothing: standard errors within which the numbers of an effect may be those that change nothing, so that it has
-            to show again [-]: chance lets the best of a catalogue take the square of that from −2 ln L.
+            to show again; and beyond which a support at the place of a spring or dashpot says that its fit had stopped
+            short [-]: chance lets the best of a catalogue take the square of that from −2 ln L.
         n_best: the best so many are followed where one alone may be wrong [-].
         explains_much: what leaves at most this part of the sum of squares explains much of it [-].
         explains_some: what leaves at most this part of the gap, or of the sum of squares where it has no number to be
@@ -122,8 +123,6 @@ class Selecting:
         close_part: and in parts of its sum of squares [-].
         little: mean square up to which little is left, so that a support that stays where it is may be named [-].
         grounded: mean square beyond which nothing is asked of a support [-].
-        stopped_short: where a support at the same place leaves less by this part, a spring or dashpot had stopped
-            short [-].
         n_rival: rivals of an earlier name that are tried in its place [-].
         hopeless_rival: one that leaves so many times as much as the last model is not followed to its end [-].
     """
@@ -146,6 +145,5 @@ class Selecting:
     close_part: float = 0.03
     little: float = 3.0
     grounded: float = 300.0
-    stopped_short: float = 0.2
     n_rival: int = 4
     hopeless_rival: float = 10.0
