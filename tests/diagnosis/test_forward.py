@@ -423,6 +423,30 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
 
 
 @torch.no_grad()
+@pytest.mark.parametrize(("misfit", "first"), [(500.0, True), (5.0, False)])
+def test_where_far_more_than_noise_is_left_a_second_is_looked_for_where_smoothed_frfs_ended(
+    lab, monkeypatch, misfit, first
+):
+    """Sharply the first took on what it could of what lacks still."""
+    scene = lab.Scene()
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    alone, states = scene.hypothesis("sensor_gain"), []
+    n = alone.fit.judged.n
+    before = State(scene.state.model, lab.leaving(scene.fit, 10 * misfit * n))
+    alone = replace(alone, fit=lab.leaving(alone.fit, misfit * n))
+    end = torch.full((len(alone.fit.model.names),), 0.4, dtype=torch.float64)
+    ranked = Ranked((), (alone,), ways=((alone.candidate, end),))
+    single = selection._added(before, choose([alone], before.fit), ranked)
+    monkeypatch.setattr(selection, "_needed", lambda state, _: states.append(state))
+    assert selection._pairs(before, ranked, single, []) == (None, None)
+    where = states[0].model.space.to_cube(states[0].fit.theta)
+    assert torch.allclose(where, end) == first
+    # Where it ended sharply is tried, too.
+    assert states[-1] is single
+    assert len(states) == 1 + first
+
+
+@torch.no_grad()
 @pytest.mark.parametrize(("most", "hides", "expected"), [(3, True, 2), (3, False, 1), (1, True, 1)])
 def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeypatch, most, hides, expected):
     """One of two may be so small that noise covers it, and still be more probable than none."""

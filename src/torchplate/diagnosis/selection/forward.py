@@ -334,7 +334,9 @@ class ForwardSelection:
         settings = self.settings
         ordered = sorted(ranked.hypotheses, key=lambda one: one.cost)
         most = settings.beside * ordered[0].fit.reduced_misfit
-        beam: list[State] = [single] if self._explains_some(state.fit, single.named[-1].hypothesis) else []
+        beam: list[State] = []
+        if self._explains_some(state.fit, single.named[-1].hypothesis):
+            beam = [*self._where_smoothed(single, ranked), single]
         for other in ordered[1:]:
             if len(beam) >= settings.n_best or other.fit.reduced_misfit > most:
                 break
@@ -359,6 +361,17 @@ class ForwardSelection:
                 if (settled := self._explained(found)) is not None:
                     return best, settled
         return best, None
+
+    def _where_smoothed(self, single: State, ranked: Ranked) -> list[State]:
+        """The model with its last effect where smoothed FRFs had taken it, if far more than noise is left of it.
+
+        Sharply it went to where what lacks still let it, which may hide that; smoothed FRFs see both.
+        """
+        last = single.named[-1].hypothesis
+        end = next((end for candidate, end in ranked.ways if candidate is last.candidate), None)
+        if end is None or not single.fit.by_noise or single.fit.reduced_misfit <= self.settings.doubtful:
+            return []
+        return [replace(single, fit=judged_at(self.builder, last.fit, self.prior, end))]
 
     def _two_that_promise(self, state: State, rankings: list[Ranked], most_effects: int) -> State | None:
         """Two effects of which neither alone explains anything, though smoothed FRFs promised much of one.
