@@ -148,6 +148,15 @@ def test_a_dataset_that_does_not_parse_or_is_unknown_is_said_to_be_so(tmp_path):
     assert "header does not parse" in text
 
 
+def test_nodes_beside_a_record_that_does_not_parse_are_described(tmp_path):
+    path = tmp_path / "odd.uff"
+    node = f"{7:10d}{0:10d}{0:10d}{8:10d}{0.1:13.5E}{0.2:13.5E}{0.0:13.5E}\n"
+    path.write_bytes(f"    -1\n    15\n{node}    -1\n    -1\n    58\n    -1\n".encode())
+    text = words(path)
+    assert "header does not parse" in text
+    assert "geometry: 1 node, labels 7 to 7" in text
+
+
 @pytest.mark.parametrize("content", [b"", b"nothing", b"    -1\n    58\n", bytes(range(256)) * 20])
 def test_what_is_no_universal_file_is_refused(content, tmp_path):
     (tmp_path / "odd.uff").write_bytes(content)

@@ -7,6 +7,7 @@ Source: Universal File Format, University of Cincinnati SDRL: datasets 15, 18, 5
 import shlex
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -206,8 +207,13 @@ def _nodes(held: Held) -> Part:
 
 def _frfs(file: UffFile) -> list[dict[str, Any]]:
     """Headers of the FRFs and transmissibilities."""
-    headers = (file.header(index) for index, number in enumerate(file.types) if number == 58)
-    return [header for header in headers if header.get("func_type") in (4, 5)]
+    found = []
+    for index in file.of_type(58):
+        # One that does not parse is said to be so where records are described.
+        with suppress(MeasurementError):
+            header = file.header(index)
+            found += [header] if header.get("func_type") in (4, 5) else []
+    return found
 
 
 def _told_to_new(file: UffFile) -> tuple[str, str]:
