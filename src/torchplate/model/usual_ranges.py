@@ -145,10 +145,12 @@ def impossible(model: PlateModel) -> Remark | None:
     shorter = min(model.mesh.length_x, model.mesh.length_y)
     key, (quantity, span) = next((key, entry) for key, entry in found.items() if key.endswith(".thickness"))
     if span.low >= BLOCK * shorter:
+        # A side that is as thin as a sheet.
+        exchanged = span.low > 10 * shorter and shorter < quantity.usual[1]
+        remedy = "Were the two exchanged?" if exchanged else _remedy(quantity, span)
         return Remark(
             key,
-            f"Expected a thickness in m below the plate's shorter side, {shorter:g} m, got {span}. "
-            f"{_remedy(quantity, span)}",
+            f"Expected a thickness in m below the plate's shorter side, {shorter:g} m, got {span}. {remedy}",
         )
     return None
 
