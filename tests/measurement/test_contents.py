@@ -93,17 +93,19 @@ def test_one_of_a_kind_is_no_plural(tmp_path):
     assert "elements: 1 quad, 1 tetrahedron |" in text
 
 
+@pytest.mark.parametrize("unit", ["Hz", "NONE"])
 @pytest.mark.parametrize(
     ("line", "text"), [([0, 2, 4, 6], "4 values, 0 to 6 Hz, step 2,"), ([0, 2, 4, 7], "0 to 7 Hz, uneven spacing,")]
 )
-def test_lines_that_are_written_one_by_one_are_described_by_their_values(line, text, tmp_path):
+def test_lines_that_are_written_one_by_one_are_described_by_their_values(line, text, unit, tmp_path):
+    """In Hz, too, where the file says frequencies and no unit."""
     path = tmp_path / "frf.uff"
     pyuff.UFF(str(path)).write_sets(
         {
             "type": 58, "func_type": 4, "rsp_node": 1, "rsp_dir": 3, "ref_node": 2, "ref_dir": 3, "id1": "NONE",
             "x": np.array(line, dtype=float), "data": np.ones(4) + 1j, "binary": 0, "abscissa_spacing": 0,
-            "rsp_ent_name": "NONE", "ref_ent_name": "NONE", "abscissa_axis_units_lab": "Hz",
-            "ordinate_spec_data_type": 12, "orddenom_spec_data_type": 13,
+            "rsp_ent_name": "NONE", "ref_ent_name": "NONE", "abscissa_axis_units_lab": unit,
+            "abscissa_spec_data_type": 18, "ordinate_spec_data_type": 12, "orddenom_spec_data_type": 13,
         },
         "add",
     )  # fmt: skip
