@@ -124,6 +124,10 @@ MISTAKES = {
         SAID, ["effects.plate.youngs_modulus", "pounds per square inch"], {"effects.plate.youngs_modulus": [22e6, 38e6]}
     ),
     "density in g/cm³": Mistake(REFUSED, ["effects.plate.density", "g/cm³", "7700"], {"effects.plate.density": 7.7}),
+    "density in kg/mm³": Mistake(REFUSED, ["looks like kg/mm³ (write 7700)"], {"effects.plate.density": 7.7e-6}),
+    "density in lb/ft³": Mistake(
+        SAID, ["It would fit", "effects.plate.density in lb/ft³ (write 7705)"], {"effects.plate.density": 481.0}
+    ),
     "magnet in g": Mistake(
         SAID,
         ["effects.magnet.mass", "grams", "0.024"],
@@ -505,7 +509,7 @@ def test_a_mistake_gets_one_sentence_with_its_remedy(bench, make_config, command
 
 
 def test_there_are_eight_dozen_of_them():
-    assert len(MISTAKES) >= 104
+    assert len(MISTAKES) >= 106
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,11 @@ QUANTITIES = {
     ),
     # Foams begin near 20 kg/m³, balsa at 60; osmium has 22 590.
     "density": Quantity(
-        "density", "kg/m³", (20.0, 1e5), (60.0, 2.3e4), (("g/cm³", 1e3), ("t/mm³", 1e12), ("lb/in³", 27679.9))
+        "density",
+        "kg/m³",
+        (20.0, 1e5),
+        (60.0, 2.3e4),
+        (("g/cm³", 1e3), ("t/mm³", 1e12), ("kg/mm³", 1e9), ("lb/in³", 27679.9), ("lb/ft³", 16.01846)),
     ),
 }
 # Of the shorter side, beyond which a plate is a block; of the longer, beyond which thin-plate theory is far off.
