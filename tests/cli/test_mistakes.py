@@ -124,6 +124,10 @@ MISTAKES = {
         SAID, ["effects.plate.youngs_modulus", "pounds per square inch"], {"effects.plate.youngs_modulus": [22e6, 38e6]}
     ),
     "density in g/cm³": Mistake(REFUSED, ["effects.plate.density", "g/cm³", "7700"], {"effects.plate.density": 7.7}),
+    "density in kg/mm³": Mistake(REFUSED, ["looks like kg/mm³ (write 7700)"], {"effects.plate.density": 7.7e-6}),
+    "density in lb/ft³": Mistake(
+        SAID, ["It would fit", "effects.plate.density in lb/ft³ (write 7705)"], {"effects.plate.density": 481.0}
+    ),
     "magnet in g": Mistake(
         SAID,
         ["effects.magnet.mass", "grams", "0.024"],
@@ -363,6 +367,53 @@ MISTAKES = {
         ["count 6 and not 3 rigid-body modes", "{4: 79, 5: 86.2, 6: 180}"],
         {"measurement": {"natural_frequencies": {7: 79.0, 8: 86.2, 9: 180.0}}},
     ),
+    # Between brackets, between lines, and below another section
+    "decimal comma between brackets": Mistake(
+        REFUSED,
+        ["a decimal point, got 0,0031 in line 2. Write 0.0031."],
+        text=lambda _: "effects:\n  plate: {effect: plate, thickness: 0,0031, density: 7700}\n",
+    ),
+    "colon left out": Mistake(
+        REFUSED,
+        ["`key: value`, got 'length_y 0.29' in line 3", "a colon and a blank"],
+        text=lambda _: "mesh:\n  length_x: 0.41\n  length_y 0.29\n  n_x: 3\n",
+    ),
+    "colon of a section left out": Mistake(
+        REFUSED,
+        ["'length_x: 0.41' in line 2", "End that one with a colon"],
+        text=lambda _: "mesh\n  length_x: 0.41\n",
+    ),
+    "bracket left open": Mistake(
+        REFUSED,
+        ["line 2", "'plate: {effect: plate'", "not closed. Write }"],
+        text=lambda _: "effects:\n  plate: {effect: plate\n  loss: {effect: hysteretic_damping}\n",
+    ),
+    "thickness and side exchanged": Mistake(
+        REFUSED,
+        ["thickness", "shorter side, 0.0031 m, got 0.41", "Were the two exchanged?"],
+        {"mesh.length_x": 0.0031, "effects.plate.thickness": 0.41},
+    ),
+    "thickness beside the sides": Mistake(
+        REFUSED, ["Did you mean 'effects.plate.thickness'?"], {"mesh.thickness": 0.0031}
+    ),
+    "side beside the thickness": Mistake(REFUSED, ["Did you mean 'mesh.length_x'?"], {"effects.plate.length_x": 0.41}),
+    "effect beside the sections": Mistake(REFUSED, ["Did you mean 'effects.plate'?"], {"plate": {"thickness": 0.0031}}),
+    "key of two sections": Mistake(REFUSED, ["Did you mean 'search.seed' or 'modal_test.seed'?"], {"seed": 3}),
+    "setting in SciPy's word": Mistake(REFUSED, ["'popsize' here. Write n_member."], {"search.popsize": 15}),
+    "effect without its name": Mistake(
+        REFUSED, ["Add `effect: point_mass`"], {"effects.magnet": {"x": 0.3, "y": 0.4, "mass": 0.02}}
+    ),
+    "edge by its letter": Mistake(REFUSED, ["got 'C'. Write clamped"], {"mesh.edges": {"x0": "C"}}),
+    "unit in full": Mistake(REFUSED, ["'millimeter'. Write mm"], {"measurement.frame": {"unit": "millimeter"}}),
+    "place without brackets of its own": Mistake(
+        REFUSED,
+        ["effects.cords.at", "[[0.1, 0.2]]", "each place in brackets of its own"],
+        {"effects.cords": {"effect": "support_spring", "at": [0.1, 0.2], "stiffness": 40.0}},
+    ),
+    "folder to be inspected": Mistake(
+        REFUSED, ["a folder. Name a .uff or .npz file in it"], arguments=("inspect", ".")
+    ),
+    "folder for a new config": Mistake(REFUSED, ["a folder. Name a .uff or .npz file in it"], arguments=("new", ".")),
     # Of numbers that may be, and symbols
     "sides exchanged": Mistake(
         REFUSED,
@@ -457,8 +508,8 @@ def test_a_mistake_gets_one_sentence_with_its_remedy(bench, make_config, command
     assert all(word in lines[0] for word in mistake.words), lines[0]
 
 
-def test_there_are_seven_dozen_of_them():
-    assert len(MISTAKES) >= 88
+def test_there_are_eight_dozen_of_them():
+    assert len(MISTAKES) >= 106
 
 
 @pytest.mark.parametrize(
@@ -469,6 +520,9 @@ def test_there_are_seven_dozen_of_them():
         (["Run", "plate.yaml"], "Did you mean 'run'?"),
         (["new", "test.uff", "--thickness", "3.1mm"], "without the unit and with a decimal point, got '3.1mm'"),
         (["new", "test.uff", "--thickness", "0,003"], "with a decimal point, got '0,003'"),
+        (["run", "plate.yaml", "--seed", "3"], "Write --set search.seed=3."),
+        (["run", "plate.yaml", "--n-generation=40"], "Write --set search.n_generation=40."),
+        (["run", "plate.yaml", "other.yaml"], "torchplate run takes one config: run them one after the other."),
     ],
 )
 def test_a_mistake_on_the_command_line_gets_its_remedy(arguments, words, capsys):

@@ -262,11 +262,22 @@ def test_supports_and_edges_come_into_the_model(roved, tmp_path, command):
     recipe.model()
 
 
+def test_an_edge_that_nobody_said_how_it_is_held_is_a_guess(roved, tmp_path, command):
+    file = written(roved, tmp_path / "test.uff", lambda p: p)
+    status, printed, _ = command("new", file, *PLATE, "--edge", "x0", "--edge", "y1=free", "--out", tmp_path / "a.yaml")
+    assert status == 0
+    assert "guess: edge x0 taken as clamped" in printed
+    assert "y1" not in printed
+    assert load_run(tmp_path / "a.yaml").config.mesh.edges["x0"] == "clamped"
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (("--thickness", "3"), "--thickness 0.003"),
         (("--length", "420", "300"), "--length 0.42 0.3"),
+        (("--length", "42", "30"), "look like cm. Write --length 0.42 0.3."),
+        (("--length", "120", "90"), "cm or mm. Write --length 1.2 0.9 or --length 0.12 0.09."),
         (("--length", "0.2", "0.3"), "Correct --length"),
         (("--length", "-0.4", "0.3"), "above 0 in m"),
         (("--material", "unobtainium"), "steel, stainless_steel"),
@@ -300,6 +311,8 @@ def test_what_cannot_be_is_refused_in_one_sentence(options, words, roved, tmp_pa
         # Sides that come from the points are no excuse.
         (("--thickness", "3", "--material", "aluminium"), ["--thickness", "0.42 × 0.3 m", "--thickness 0.003"]),
         (("--thickness", "0.003", "--mass", "1020"), ["--mass", "kg/m³", "--mass 1.02"]),
+        # 1020 kg / (0.42 · 0.3 · 0.2 · 0.3 m³)
+        (("--mass", "1020"), ["--mass", "a density of at least 1.35e+05 kg/m³. For g write --mass 1.02."]),
         ((*PLATE, "--unit", "mm"), ["--unit", "0.00042 × 0.0003 m", "Leave it out"]),
     ],
 )

@@ -93,17 +93,19 @@ def test_one_of_a_kind_is_no_plural(tmp_path):
     assert "elements: 1 quad, 1 tetrahedron |" in text
 
 
+@pytest.mark.parametrize("unit", ["Hz", "NONE"])
 @pytest.mark.parametrize(
     ("line", "text"), [([0, 2, 4, 6], "4 values, 0 to 6 Hz, step 2,"), ([0, 2, 4, 7], "0 to 7 Hz, uneven spacing,")]
 )
-def test_lines_that_are_written_one_by_one_are_described_by_their_values(line, text, tmp_path):
+def test_lines_that_are_written_one_by_one_are_described_by_their_values(line, text, unit, tmp_path):
+    """In Hz, too, where the file says frequencies and no unit."""
     path = tmp_path / "frf.uff"
     pyuff.UFF(str(path)).write_sets(
         {
             "type": 58, "func_type": 4, "rsp_node": 1, "rsp_dir": 3, "ref_node": 2, "ref_dir": 3, "id1": "NONE",
             "x": np.array(line, dtype=float), "data": np.ones(4) + 1j, "binary": 0, "abscissa_spacing": 0,
-            "rsp_ent_name": "NONE", "ref_ent_name": "NONE", "abscissa_axis_units_lab": "Hz",
-            "ordinate_spec_data_type": 12, "orddenom_spec_data_type": 13,
+            "rsp_ent_name": "NONE", "ref_ent_name": "NONE", "abscissa_axis_units_lab": unit,
+            "abscissa_spec_data_type": 18, "ordinate_spec_data_type": 12, "orddenom_spec_data_type": 13,
         },
         "add",
     )  # fmt: skip
@@ -146,6 +148,15 @@ def test_a_dataset_that_does_not_parse_or_is_unknown_is_said_to_be_so(tmp_path):
     assert "dataset 2411 | does not parse" in text
     assert "99999 | of a kind" in text
     assert "header does not parse" in text
+
+
+def test_nodes_beside_a_record_that_does_not_parse_are_described(tmp_path):
+    path = tmp_path / "odd.uff"
+    node = f"{7:10d}{0:10d}{0:10d}{8:10d}{0.1:13.5E}{0.2:13.5E}{0.0:13.5E}\n"
+    path.write_bytes(f"    -1\n    15\n{node}    -1\n    -1\n    58\n    -1\n".encode())
+    text = words(path)
+    assert "header does not parse" in text
+    assert "geometry: 1 node, labels 7 to 7" in text
 
 
 @pytest.mark.parametrize("content", [b"", b"nothing", b"    -1\n    58\n", bytes(range(256)) * 20])

@@ -84,6 +84,12 @@ SINGLE: dict[str, tuple[str, Callable[[Path], object]]] = {
             "f,H\n" + "".join(f"{f},{h.real}{h.imag:+}i\n" for f, h in zip(LINES, ONE[:, 0], strict=True))
         ),
     ),
+    "a table of pandas": (
+        "frf.csv",
+        lambda p: p.write_text(
+            ",freq,H\n" + "".join(f"{i},{f},{h}\n" for i, (f, h) in enumerate(zip(LINES, ONE[:, 0], strict=True)))
+        ),
+    ),
 }
 
 

@@ -19,6 +19,13 @@ def test_band_keeps_the_lines_at_both_of_its_edges(make_measurement):
     assert torch.equal(cut.coherence, whole.coherence[42:90])
 
 
+def test_it_is_shown_in_a_line_and_not_value_by_value(make_measurement):
+    shown = repr(make_measurement(coherence=True, missing=((1, 2),)))
+    assert shown == (
+        "Measurement(5 of 2 × 3 FRFs, accelerance [m/(N s²)], 521 lines, 20 to 150 Hz, coherence; 'chain')"
+    )
+
+
 def test_band_forgives_the_rounding_of_a_header(make_measurement):
     lines = np.array([100.0, 249.9999, 399.9998])
     assert len(make_measurement(lines).band(100.0, 399.99975).frequency) == 3

@@ -1,5 +1,6 @@
 """Universal files written by hand or by pyuff, never by our own writer, are read as their format says."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -136,6 +137,22 @@ def test_fortran_d_exponents_and_padding_after_the_last_value_are_read(record_58
     path = tmp_path / "fortran.uff"
     path.write_bytes(record_58([line.replace("E", "D") for line in lines], n_point=5))
     np.testing.assert_allclose(read_measurement(path).frf[:, 0, 0].numpy(), VALUES, rtol=1e-11)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_d_exponents_of_headers_and_of_nodes_are_read(end, record_58, tmp_path):
+    """Fortran writes every number of a file so, those of headers and of dataset 15 among them."""
+    places = ((4, 0.3, -0.125), (9, 0.0, 0.04))
+    nodes = [f"{n:10d}{0:10d}{0:10d}{8:10d}{x:13.5E}{y:13.5E}{0.0:13.5E}" for n, x, y in places]
+    text = "\n".join(["    -1", "    15", *nodes, "    -1", ""]) + good(record_58, start=5.25).decode()
+    text = re.sub(r"(\d)E([+-]\d\d)", r"\1D\2", text)
+    assert "5.25000D+00" in text
+    path = tmp_path / "fortran.uff"
+    path.write_bytes(text.replace("\n", end).encode())
+    measurement = read_measurement(path)
+    np.testing.assert_allclose(measurement.frequency.numpy(), LINES + 0.25, rtol=1e-12)
+    np.testing.assert_allclose(measurement.frf[:, 0, 0].numpy(), VALUES, rtol=1e-11)
+    assert measurement.response[0].coordinate == (0.3, -0.125, 0.0)
 
 
 @pytest.mark.parametrize(("response", "reference", "sign"), [(3, 3, 1), (-3, 3, -1), (3, -3, -1), (-3, -3, 1)])

@@ -152,6 +152,14 @@ def test_on_every_narrow_screen_numbers_stay_whole_and_figures_are_legible_and_i
         assert min(json.loads(shown.value(LETTERS))) > 10
 
 
+@pytest.mark.parametrize("width", [801, 900, 1100, 1248])
+def test_no_table_has_to_be_scrolled_where_the_page_takes_the_whole_screen(shown, report, width):
+    """The last column of what was considered ended within its words on every screen from 801 px on."""
+    shown.look(width)
+    shown.open(report)
+    assert not any(scrolls for scrolls, _, _ in json.loads(shown.value(LOOK))["tables"])
+
+
 def test_the_ground_follows_the_colours_that_the_reader_likes(shown, report):
     for scheme, colour in (("light", PAPER), ("dark", ON_DARK[PAPER])):
         shown.look(360, scheme)

@@ -115,7 +115,7 @@ def _main(given: list[str]) -> int:
     parsed, left = whole.parse_known_args(given)
     # What follows `--set search.seed` belongs to it: the verb says how it is written.
     if left and all("=" in override for override in getattr(parsed, "set", [])):
-        whole.error(f"unrecognized arguments: {' '.join(left)}")
+        whole.error(_not_taken(left, parsed))
     # What is timed has the threads that it is told.
     if parsed.verb != "bench":
         _threads_sleep_while_they_wait(os.environ)
@@ -149,6 +149,21 @@ def _main(given: list[str]) -> int:
         print(error, file=sys.stderr)
         return 1
     return 0
+
+
+def _not_taken(left: Sequence[str], parsed: argparse.Namespace) -> str:
+    """What is wrong with words that a verb does not take, and how they are written."""
+    from torchplate.cli.schema import SearchConfig
+
+    first, *rest = left
+    name = first.lstrip("-").partition("=")[0].replace("-", "_")
+    text = f"unrecognized arguments: {' '.join(left)}"
+    if hasattr(parsed, "set") and first.startswith("-") and name in SearchConfig.model_fields:
+        value = first.partition("=")[2] or (rest[0] if rest else "VALUE")
+        return f"{text}. Write --set search.{name}={value}."
+    if hasattr(parsed, "set") and not first.startswith("-"):
+        return f"{text}. torchplate {parsed.verb} takes one config: run them one after the other."
+    return f"{text}. torchplate {parsed.verb} --help shows what it takes."
 
 
 def _threads_sleep_while_they_wait(environment: MutableMapping[str, str]) -> None:

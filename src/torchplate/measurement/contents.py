@@ -7,6 +7,7 @@ Source: Universal File Format, University of Cincinnati SDRL: datasets 15, 18, 5
 import shlex
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -52,6 +53,8 @@ FUNCTION: Final = {
 """Function types of dataset 58."""
 QUANTITY: Final = MOTION | FORCE | {1: "general", 2: "stress", 3: "strain", 5: "temperature", 15: "pressure"}
 QUANTITY_ALSO: Final = {16: "mass", 17: "time", 18: "frequency", 19: "rpm", 21: "sound pressure"}
+SI_OF_AXIS: Final = {17: "s", 18: "Hz"}
+"""By the specific data type of the abscissa, where the file writes no unit."""
 UNIT_CODE: Final = {
     1: "m, N",
     2: "ft, lbf",
@@ -206,8 +209,13 @@ def _nodes(held: Held) -> Part:
 
 def _frfs(file: UffFile) -> list[dict[str, Any]]:
     """Headers of the FRFs and transmissibilities."""
-    headers = (file.header(index) for index, number in enumerate(file.types) if number == 58)
-    return [header for header in headers if header.get("func_type") in (4, 5)]
+    found = []
+    for index in file.of_type(58):
+        # One that does not parse is said to be so where records are described.
+        with suppress(MeasurementError):
+            header = file.header(index)
+            found += [header] if header.get("func_type") in (4, 5) else []
+    return found
 
 
 def _told_to_new(file: UffFile) -> tuple[str, str]:
@@ -320,6 +328,8 @@ def _functions(file: UffFile, indices: Sequence[int], path: Path) -> tuple[list[
 def _abscissa(file: UffFile, index: int, header: dict[str, Any]) -> str:
     """First and last line of a dataset 58 and their step, by its header or, where that has none, by its values."""
     unit = str(header.get("abscissa_axis_units_lab", "")).strip()
+    if unit in ("", "NONE"):
+        unit = SI_OF_AXIS.get(int(header.get("abscissa_spec_data_type", 0)), "")
     n, step = int(header["num_pts"]), float(header["abscissa_inc"])
     start = float(header["abscissa_min"])
     end = start + step * max(n - 1, 0)

@@ -94,12 +94,14 @@ def propose(
     found = [_side(low[i], high[i], None if sides is None else sides[i], "xy"[i], source) for i in (0, 1)]
     corner = np.array([start for start, _, _, _ in found]) / factor
     level = float((cloud @ axes[2]).mean())
+    # Universal files give places in six digits, and of a plate beside the origin they leave five of its sides.
+    digits = 6 if sides is not None else 5
     origin = corner[0] * axes[0] + corner[1] * axes[1] + level * axes[2]
     frame = Frame(name, _vector(origin), _vector(axes[0]), _vector(axes[1]))
     return Proposal(
         frame=frame,
-        length_x=float(f"{found[0][1]:.6g}"),
-        length_y=float(f"{found[1][1]:.6g}"),
+        length_x=float(f"{found[0][1]:.{digits}g}"),
+        length_y=float(f"{found[1][1]:.{digits}g}"),
         unit=unit_said,
         axes=_axes_said(axes, angle, flat),
         origin=_join([part[2] for part in found]),

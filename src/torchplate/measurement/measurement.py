@@ -61,7 +61,7 @@ class Channel:
         return f"{self.node}{self.direction}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Measurement:
     """FRFs H[f, j, k] = response j per unit of reference k at frequency f, time dependence exp(+iωt).
 
@@ -140,6 +140,18 @@ class Measurement:
 
     def _error(self, expected: str, came: str, action: str) -> MeasurementError:
         return MeasurementError(f"{self.source or 'Measurement'}: expected {expected}, got {came}. {action}.")
+
+    def __repr__(self) -> str:
+        """What it holds in a line, and no values: a notebook would print every one of them."""
+        shape = f"{len(self.response)} × {len(self.reference)}"
+        lines = f"{len(self.frequency)} lines"
+        if len(self.frequency):
+            lines += f", {float(self.frequency[0]):g} to {float(self.frequency[-1]):g} Hz"
+        coherence = ", coherence" if self.coherence is not None else ""
+        return (
+            f"Measurement({int(self.measured.sum())} of {shape} FRFs, {self.kind} [{self.unit}], "
+            f"{lines}{coherence}; {self.source!r})"
+        )
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:

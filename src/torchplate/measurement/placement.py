@@ -15,6 +15,8 @@ from torchplate.measurement.measurement import Channel, Measurement, Measurement
 OFF_PLATE: Final = 0.01
 """How far off the plate a channel may sit, over the longer side [-]. A ruler, a sensor's radius and a plate cut a
 little small explain about 1 %; more is a wrong unit, a wrong side length or another origin."""
+ROUNDING: Final = 1e-5
+"""From where on it is said, likewise [-]: the six digits of a universal file's coordinates leave less."""
 
 
 UNIT: Final = {"m": "metres", "mm": "millimetres", "cm": "centimetres", "in": "inches"}
@@ -161,7 +163,7 @@ def _remark(placed: list[Match], counted: str, grid: "_Grid", by_coordinate: boo
     if by_coordinate:
         text = f"{subject} their coordinates"
         farthest = max(placed, key=lambda match: match.outside)
-        if farthest.outside > 0:
+        if farthest.outside > ROUNDING * max(grid.length_x, grid.length_y):
             text += f"; {farthest.label} lies {1e3 * farthest.outside:.2g} mm off the plate and is taken on its edge"
         return f"{text}."
     sides = [match.place[0] * grid.length_x for match in placed], [match.place[1] * grid.length_y for match in placed]

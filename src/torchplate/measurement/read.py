@@ -54,6 +54,8 @@ def read_measurement(path: Path, kind: str | None = None, normal: int = 3) -> Me
         MeasurementError: The file is absent, has another suffix, or cannot be used.
     """
     suffix = path.suffix.lower()
+    if path.is_dir():
+        raise MeasurementError(f"{path}: expected a measurement file, got a folder. Name a .uff or .npz file in it.")
     if suffix not in (*UFF_SUFFIX, ".npz", *WAY_ON) and _begins_as_uff(path):
         raise MeasurementError(f"{path}: expected a universal file to end in .uff, got one without. Rename it.")
     if suffix not in (*UFF_SUFFIX, ".npz"):
@@ -62,8 +64,7 @@ def read_measurement(path: Path, kind: str | None = None, normal: int = 3) -> Me
             f"{path.suffix or 'none'!r}. {WAY_ON.get(suffix, 'Export it as UFF 58, or name it by its format')}."
         )
     if not path.is_file():
-        came = "a folder" if path.is_dir() else "none there"
-        raise MeasurementError(f"{path}: expected a measurement file, got {came}. Check the path.")
+        raise MeasurementError(f"{path}: expected a measurement file, got none there. Check the path.")
     return Measurement.from_npz(path, kind) if suffix == ".npz" else read_uff(path, kind, normal)
 
 

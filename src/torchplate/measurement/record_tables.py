@@ -176,6 +176,7 @@ def rows_of(path: Path, number: Callable[[str], Number]) -> tuple[list[list[str]
     """
     heads: list[list[str]] = []
     rows: list[list[Number]] = []
+    indexed = False
     for line in lines_of(path):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
@@ -188,6 +189,10 @@ def rows_of(path: Path, number: Callable[[str], Number]) -> tuple[list[list[str]
                     f"{path}: expected numbers in each row, got {line.strip()[:60]!r}. Remove that line."
                 ) from None
             heads.append(cells)
+            indexed = line[0] in ",;\t"
+    # pandas counts the rows in a column of its own, whose head is empty.
+    if indexed and [row[0] for row in rows] == [*range(len(rows))] and len(rows[0]) == len(heads[-1]) + 1:
+        rows = [row[1:] for row in rows]
     return heads, rows
 
 

@@ -4,6 +4,7 @@ Source: Universal File Format, University of Cincinnati SDRL. pyuff finds the da
 """
 
 import re
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,8 @@ UNREAD: Final = "\ufffd"
 """What stands where a byte is no character."""
 HEADER: Final = 4096
 """More bytes than the header of any dataset has."""
+FORTRAN: Final = re.compile(rb"(?<=[0-9.])[Dd](?=[+-][0-9])")
+"""The D of a number in double precision, as Fortran writes it: 4.00000D+01."""
 End = tuple[int, str]
 
 
@@ -152,7 +155,7 @@ def _complete(path: Path) -> Any:
 
 def _read(file: Any, index: int, path: Path, *, header_only: bool = False) -> dict[str, Any]:
     try:
-        dataset: dict[str, Any] = file.read_sets(index, header_only=header_only)
+        dataset = _read_by_pyuff(file, index, path, header_only=header_only)
     except Exception as error:  # pyuff raises bare Exception for whatever it does not understand
         raise MeasurementError(
             f"{path}: expected dataset {int(file.get_set_types()[index])} at place {index + 1} of the file in the "
@@ -165,13 +168,32 @@ def _read(file: Any, index: int, path: Path, *, header_only: bool = False) -> di
     return dataset | {key: plain(value) for key, value in text.items()}
 
 
-def _header_of(file: Any, index: int, path: Path) -> str:
-    """The first lines of a dataset in the encoding of Western Windows, which holds Latin-1: ² and µ are one byte."""
+def _read_by_pyuff(file: Any, index: int, path: Path, *, header_only: bool) -> dict[str, Any]:
+    """A dataset as pyuff reads it; where it fails over D exponents, from a copy of it that has E in their place."""
+    try:
+        dataset: dict[str, Any] = file.read_sets(index, header_only=header_only)
+    except Exception:  # as above
+        block = _block(file, index, path)
+        if b"58b" in block.split(b"\n", 2)[1] or not FORTRAN.search(block):
+            raise
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder) / "dataset.uff"
+            copy.write_bytes(FORTRAN.sub(b"E", block) + b"    -1\n")
+            dataset = pyuff.UFF(str(copy)).read_sets(0, header_only=header_only)
+    return dataset
+
+
+def _block(file: Any, index: int, path: Path) -> bytes:
+    """A dataset with the line of -1 before it and without that after it."""
     start, end = (int(i) for i in file._block_ind[index])
     with Path(path).open("rb") as stream:
         stream.seek(start)
-        block = stream.read(min(end - start + 1, HEADER))
-    return block.decode("cp1252", errors="replace")
+        return stream.read(end - start + 1)
+
+
+def _header_of(file: Any, index: int, path: Path) -> str:
+    """The first lines of a dataset in the encoding of Western Windows, which holds Latin-1: ² and µ are one byte."""
+    return _block(file, index, path)[:HEADER].decode("cp1252", errors="replace")
 
 
 def _as_written(text: str, header: str) -> str:
@@ -186,10 +208,7 @@ def _as_written(text: str, header: str) -> str:
 def _record(file: Any, index: int, path: Path, normal: int, turned: Mapping[int, np.ndarray]) -> Record:
     header = _read(file, index, path, header_only=True)
     number = index + 1
-    start, end = (int(i) for i in file._block_ind[index])
-    with Path(path).open("rb") as stream:
-        stream.seek(start)
-        block = stream.read(end - start + 1)
+    block = _block(file, index, path)
     order = int(header["byte_ordering"]) if header["binary"] else None
     if header["binary"] and (order not in (1, 2) or header["fp_format"] not in (0, 2)):
         raise MeasurementError(

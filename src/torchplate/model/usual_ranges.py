@@ -55,7 +55,11 @@ QUANTITIES = {
     ),
     # Foams begin near 20 kg/m³, balsa at 60; osmium has 22 590.
     "density": Quantity(
-        "density", "kg/m³", (20.0, 1e5), (60.0, 2.3e4), (("g/cm³", 1e3), ("t/mm³", 1e12), ("lb/in³", 27679.9))
+        "density",
+        "kg/m³",
+        (20.0, 1e5),
+        (60.0, 2.3e4),
+        (("g/cm³", 1e3), ("t/mm³", 1e12), ("kg/mm³", 1e9), ("lb/in³", 27679.9), ("lb/ft³", 16.01846)),
     ),
 }
 # Of the shorter side, beyond which a plate is a block; of the longer, beyond which thin-plate theory is far off.
@@ -145,10 +149,12 @@ def impossible(model: PlateModel) -> Remark | None:
     shorter = min(model.mesh.length_x, model.mesh.length_y)
     key, (quantity, span) = next((key, entry) for key, entry in found.items() if key.endswith(".thickness"))
     if span.low >= BLOCK * shorter:
+        # A side that is as thin as a sheet.
+        exchanged = span.low > 10 * shorter and shorter < quantity.usual[1]
+        remedy = "Were the two exchanged?" if exchanged else _remedy(quantity, span)
         return Remark(
             key,
-            f"Expected a thickness in m below the plate's shorter side, {shorter:g} m, got {span}. "
-            f"{_remedy(quantity, span)}",
+            f"Expected a thickness in m below the plate's shorter side, {shorter:g} m, got {span}. {remedy}",
         )
     return None
 

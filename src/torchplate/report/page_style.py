@@ -31,7 +31,7 @@ _REST = """
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.5 system-ui, -apple-system, "Segoe UI",
   Roboto, "Helvetica Neue", Arial, "Noto Sans", sans-serif; -webkit-text-size-adjust: 100%; overflow-wrap: anywhere; }
-main { max-width: 72rem; margin: 0 auto; padding: clamp(1rem, 4vw, 2.5rem) var(--side) 3rem; }
+main { max-width: 78rem; margin: 0 auto; padding: clamp(1rem, 4vw, 2.5rem) var(--side) 3rem; }
 h1 { font-size: 1.75rem; line-height: 1.2; margin: 0 0 1rem; }
 h2 { font-size: 1.2rem; line-height: 1.3; margin: 2.4rem 0 0.6rem; padding-top: 0.9rem;
   border-top: 1px solid var(--rule); }
@@ -82,7 +82,7 @@ figure { margin: 1.2rem 0; }
   .narrow { display: block; }
   .narrow svg { width: 100%; max-width: 27rem; margin: 0 auto; }
 }
-@media screen and (max-width: 50rem) {
+@media screen and (max-width: 78rem) {
   td, th, thead th, td.short, th.short { white-space: normal; min-width: 0 !important; }
   th[scope=row] { overflow-wrap: anywhere; }
 }

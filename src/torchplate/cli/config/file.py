@@ -67,6 +67,9 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, An
         raise InputError(
             f"{path}: {key}: Expected each key once, got it in lines {lines[0]} and {lines[1]}. Keep one of them."
         )
+    if (comma := _decimal_comma(node)) is not None:
+        written, meant, line = comma
+        raise InputError(f"{path}: Expected a decimal point, got {written} in line {line}. Write {meant}.")
     if not isinstance(raw, dict):
         came = "an empty file" if raw is None else "a list" if isinstance(raw, list) else f"the text {str(raw)[:40]!r}"
         raise InputError(f"{path}: Expected keys such as mesh and effects, got {came}. `torchplate keys` lists them.")
@@ -97,8 +100,56 @@ def _no_yaml(error: Exception) -> str:
         return (
             f"Expected YAML, whose keys are written `key: value`, got {line!r} in line {mark.line + 1}. Write a colon."
         )
+    if mark is not None and (said := _unpaired(error, line, mark.line + 1)):
+        return said
     problem = " ".join(str(error).replace(' in "<unicode string>"', "").split())
     return f"Expected YAML, got a file that is not ({problem}). Correct it there."
+
+
+def _unpaired(error: Exception, line: str, number: int) -> str:
+    """What is wrong where a colon or a bracket is missing, or a line is too deep; empty where it is something else.
+
+    Args:
+        error: of PyYAML.
+        line: where it gave up.
+        number: of that line, from 1.
+    """
+    problem, opened = str(getattr(error, "problem", "")), getattr(error, "context_mark", None)
+    began = (
+        (opened.get_snippet(indent=0, max_length=200) or "").partition("\n")[0].strip() if opened is not None else ""
+    )
+    if opened is not None and "could not find expected ':'" in problem:
+        return (
+            f"Expected YAML, whose keys are written `key: value`, got {began!r} in line {opened.line + 1}. Write a "
+            "colon and a blank."
+        )
+    if "mapping values are not allowed" in problem:
+        return (
+            f"Expected YAML, got {line!r} in line {number}, which may not stand below the line before it. End that one "
+            "with a colon if it is a section, or begin both in one column."
+        )
+    if opened is not None and (closing := re.search(r"expected ',' or '([}\]])'", problem)):
+        return (
+            f"Expected YAML, got line {opened.line + 1}, {began!r}, whose bracket is not closed. Write "
+            f"{closing.group(1)} or a comma where it lacks."
+        )
+    return ""
+
+
+def _decimal_comma(node: yaml.Node | None) -> tuple[str, str, int] | None:
+    """A decimal comma between brackets, where YAML takes the second half for another key: as written, mended, line."""
+    if isinstance(node, yaml.SequenceNode):
+        return next((found for item in node.value if (found := _decimal_comma(item))), None)
+    if not isinstance(node, yaml.MappingNode):
+        return None
+    before = ""
+    for key, value in node.value:
+        if value.value == "" and re.fullmatch(r"\d+([eE][-+]?\d+)?", str(key.value)) and re.fullmatch(r"-?\d+", before):
+            return f"{before},{key.value}", f"{before}.{key.value}", key.start_mark.line + 1
+        if found := _decimal_comma(value):
+            return found
+        before = value.value if isinstance(value, yaml.ScalarNode) else ""
+    return None
 
 
 def _size(node: yaml.Node | None, depth: int = 0) -> int:

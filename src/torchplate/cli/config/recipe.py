@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 
 from torchplate.cli.config.file import InputError
 from torchplate.cli.config.memory import complaint
-from torchplate.cli.schema import Config, Unknown, quantity, typed, unknown_key
-from torchplate.effects import Effect, Parameter, find_effect, options
+from torchplate.cli.schema import Config, MeshConfig, Unknown, misplaced, quantity, typed, unknown_key
+from torchplate.effects import CATALOGUE, Effect, Parameter, find_effect, options
 from torchplate.model import Searched
 from torchplate.plate import Mesh
 
@@ -79,13 +79,17 @@ class Recipe:
         for label, body in self.config.effects.items():
             key = f"effects.{label}"
             if "effect" not in body:
-                raise self.error(f"{key}.effect", "Expected the name of an effect, got none. Add `effect: plate`, say.")
+                raise self.error(
+                    f"{key}.effect", f"Expected the name of an effect, got none. Add `effect: {_likely(body)}`, say."
+                )
             kind = self.told(f"{key}.effect", lambda body=body: find_effect(str(body["effect"])))  # type: ignore[misc]
             fixed = self.typed(key, kind, {name: body[name] for name in options(kind) if name in body})
             parameters = _parameters(kind, fixed)
             for name, value in body.items():
                 if name == "effect" or name in fixed:
                     continue
+                if name in MeshConfig.model_fields and name not in parameters:
+                    raise self.error(f"{key}.{name}", misplaced(f"{key}.{name}", f"mesh.{name}"))
                 if name not in parameters:
                     raise self.error(
                         f"{key}.{name}", unknown_key(name, [*parameters, *options(kind)], f"effects.{kind.name}")
@@ -113,6 +117,13 @@ class Recipe:
         """
         if (told := complaint(self.config.mesh, refine, finer)) is not None:
             raise self.error("mesh", told)
+
+
+def _likely(body: Mapping[str, Any]) -> str:
+    """The effect that takes all these names and the fewest others; plate where none does."""
+    taken = {name: {*kind.parameters, *options(kind)} for name, kind in CATALOGUE.items()}
+    fitting = [name for name in taken if body and set(body) <= taken[name]]
+    return min(fitting, key=lambda name: len(taken[name]), default="plate")
 
 
 def _parameters(kind: type[Effect], fixed: Mapping[str, Any]) -> Mapping[str, Parameter]:

@@ -8,7 +8,7 @@ unknown keys all follow from the models here. `config` reads the file.
 - `validation`: from a mapping to a checked config; `complaint`: what is wrong with one, in a sentence.
 """
 
-from torchplate.cli.schema.complaint import EFFECT_PAGE, KEY_PAGE, ConfigError, model_in, unknown_key
+from torchplate.cli.schema.complaint import EFFECT_PAGE, KEY_PAGE, ConfigError, misplaced, model_in, unknown_key
 from torchplate.cli.schema.measured import FrameConfig, MeasurementConfig, StateConfig
 from torchplate.cli.schema.numbers import Known, Unknown
 from torchplate.cli.schema.quantity import quantity, typed
@@ -27,6 +27,7 @@ __all__ = [
     "SearchConfig",
     "StateConfig",
     "Unknown",
+    "misplaced",
     "model_in",
     "quantity",
     "typed",

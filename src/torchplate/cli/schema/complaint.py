@@ -7,6 +7,7 @@ from typing import Any, Final, get_args
 from pydantic import BaseModel, ValidationError
 
 from torchplate.cli.schema.numbers import Known
+from torchplate.effects import CATALOGUE, Plate
 from torchplate.nearest import did_you_mean
 
 # Titles of the pages of the documentation that are made from the models below and from the catalogue.
@@ -30,6 +31,16 @@ SYNONYMS: Final = {
     "velocity": "mobility",
     "displacement": "receptance",
     "compliance": "receptance",
+    "c": "clamped",
+    "s": "simply_supported",
+    "ss": "simply_supported",
+    "f": "free",
+    "acc": "accelerance",
+    "millimeter": "mm",
+    "millimetre": "mm",
+    "meter": "m",
+    "metre": "m",
+    "inch": "in",
 }
 
 # Symbols of the field for the names of parameters. A damping ratio is half of a loss factor.
@@ -44,6 +55,13 @@ SYMBOLS: Final = {
     "k": "stiffness",
     "c": "viscous_damping",
     "m": "mass",
+    # SciPy's, of its differential evolution.
+    "popsize": "n_member",
+    "population_size": "n_member",
+    "maxiter": "n_generation",
+    "mutation": "differential_weight",
+    "recombination": "crossover_rate",
+    "tol": "tolerance",
 }
 HALVES: Final = ("damping_ratio", "zeta", "damping")
 
@@ -78,8 +96,8 @@ def first_complaint(error: ValidationError, root: type[BaseModel] | None = None,
     where = [str(part) for part in places]
     key = ".".join(where) or "config"
     if kind == "extra_forbidden":
-        if len(where) == 1 and (deeper := _keys_below(root, where[0])):
-            return key, f"No key '{key}' here. Did you mean '{deeper}'? Keys stand below their section."
+        if deeper := stands_elsewhere(root, where[-1], of_section=len(where) == 1):
+            return key, misplaced(key, deeper)
         return key, unknown_key(where[-1], *_keys_at(root, section, where[:-1]))
     if kind == "missing":
         return key, "Expected a value, got none. Add it."
@@ -97,7 +115,8 @@ def first_complaint(error: ValidationError, root: type[BaseModel] | None = None,
     named = SYNONYMS.get(given.strip().lower()) if kind == "literal_error" and isinstance(given, str) else None
     remedy = f"Write {named}" if named and f"'{named}'" in message else "Correct it"
     if message == "a list" and isinstance(given, int | float):
-        remedy = f"Write [{given}]"
+        # Of a list of places it is one coordinate of the first.
+        remedy = "Write [[0.1, 0.2]], say: each place in brackets of its own" if places else f"Write [{given}]"
     return key, f"Expected {message}, got {shown(given)}. {remedy}."
 
 
@@ -131,6 +150,30 @@ def unknown_key(name: str, known: Iterable[str], section: str = "") -> str:
     )
 
 
+def misplaced(key: str, meant: str) -> str:
+    """The sentence for a key that is known, but of another section."""
+    return f"No key '{key}' here. Did you mean '{meant}'? Keys stand below their section."
+
+
+def stands_elsewhere(root: type[BaseModel] | None, name: str, of_section: bool = True) -> str:
+    """Where a key that a part of a config has not stands instead; empty where nothing has it.
+
+    Args:
+        root: the whole config.
+        name: the key.
+        of_section: it was given where the sections are, and may be that of an effect.
+    """
+    if root is None or "effects" not in root.model_fields:
+        return ""
+    if name in Plate.parameters:
+        return f"effects.plate.{name}"
+    if of_section and name in CATALOGUE:
+        return f"effects.{name}"
+    # What several sections have is told of a key above all of them alone: below one it may be another word's mistake.
+    found = _keys_below(root, name)
+    return "' or '".join(found) if of_section or len(found) == 1 else ""
+
+
 def _keys_at(root: type[BaseModel] | None, section: str, where: Sequence[str]) -> tuple[list[str], str]:
     """The keys, and the section of the reference, that a place of a part of a config has."""
     part = root
@@ -143,14 +186,13 @@ def _keys_at(root: type[BaseModel] | None, section: str, where: Sequence[str]) -
     return list(part.model_fields) if part is not None else [], section
 
 
-def _keys_below(root: type[BaseModel] | None, name: str) -> str:
-    """Where a key of this name stands that was given beside the sections; empty where nothing or several have it."""
-    found = [
+def _keys_below(root: type[BaseModel], name: str) -> list[str]:
+    """Where keys of this name stand, a section and a name each."""
+    return [
         f"{section}.{name}"
-        for section, field in (root.model_fields if root is not None else {}).items()
+        for section, field in root.model_fields.items()
         if (part := model_in(field.annotation)) is not None and name in part.model_fields
     ]
-    return found[0] if len(found) == 1 else ""
 
 
 def _example(root: type[BaseModel] | None, where: Sequence[str]) -> str:

@@ -37,6 +37,8 @@ def new(
             f"{file}: Expected a measurement, got a config, which `torchplate run {file}` takes. Give a .uff or .npz "
             "file."
         )
+    if file.is_dir():
+        raise InputError(f"{file}: Expected a measurement, got a folder. Name a .uff or .npz file in it.")
     if out.exists() and not (force and out.is_file()):
         raise InputError(
             f"--out {out}: Expected a new file, got one that exists. Name another, or give --force to write over it."
@@ -60,9 +62,12 @@ def _check(wishes: Wishes) -> None:
             unit = "kg" if name == "--mass" else "m"
             raise InputError(f"{name}: Expected a number above 0 in {unit}, got {value:g}. Correct it.")
     if wishes.length is not None and max(wishes.length) > 20:
+        in_m = {unit: " ".join(f"{factor * one:g}" for one in wishes.length) for unit, factor in METRES.items()}
+        # A plate of more than 2 m is seldom hit by hand, nor one of less than 0.1 m.
+        units = ["cm"] * (max(wishes.length) <= 200) + ["mm"] * (max(wishes.length) >= 100)
         raise InputError(
-            f"--length: Expected sides in m, got {wishes.length[0]:g} and {wishes.length[1]:g}, which look like mm. "
-            f"Write --length {wishes.length[0] / 1e3:g} {wishes.length[1] / 1e3:g}."
+            f"--length: Expected sides in m, got {wishes.length[0]:g} and {wishes.length[1]:g}, which look like "
+            f"{' or '.join(units)}. Write --length {' or --length '.join(in_m[unit] for unit in units)}."
         )
     if wishes.length is not None:
         check_sizes(wishes, *wishes.length)
@@ -99,6 +104,9 @@ def _say(draft: Draft, out: Path, console: Console) -> None:
     line(material_said(draft), draft.wishes.material is None)
     if draft.wishes.thickness is None:
         line(f"thickness near {1e3 * draft.thickness[1]:.2g} mm, by {draft.heard.by}: give --thickness", True)
+    for edge in draft.wishes.edges:
+        if "=" not in edge:
+            line(f"edge {edge} taken as clamped: write --edge {edge}=simply_supported if it turns", True)
     if draft.supports is None and not draft.edges:
         line("edges and supports taken as free: give --supports or --edge if they are not", True)
     if draft.first is not None and draft.first > draft.band[1]:

@@ -45,6 +45,10 @@ LEAST_SIDE, HEAVIEST = 5e-3, 3e4
 """Sides [m] of the smallest plates that are tested, and a density [kg/m³] that no metal has: osmium's is 22 590."""
 
 
+THICKEST = 0.2
+"""Of the shorter side [-]: a thicker one is no plate."""
+
+
 @dataclass(frozen=True)
 class Wishes:
     """What the user tells of the plate.
@@ -173,19 +177,21 @@ def check_sizes(wishes: Wishes, length_x: float, length_y: float) -> None:
             f"--unit: Expected the unit of the file's coordinates, got {wishes.unit}, in which the plate has {sides}. "
             "Leave it out, or name the right one."
         )
-    if wishes.thickness is None:
-        return
-    if wishes.thickness > 0.2 * min(length_x, length_y):
+    if wishes.thickness is not None and wishes.thickness > THICKEST * min(length_x, length_y):
         raise InputError(
             f"--thickness: Expected less than a fifth of the shorter side of {sides}, in m, got {wishes.thickness:g}. "
             f"For mm write --thickness {wishes.thickness / 1e3:g}."
         )
     mass = wishes.mass or 0.0
-    density = mass / (length_x * length_y * wishes.thickness)
+    # The thickest that a plate of these sides can be, where nobody has told.
+    thickness = wishes.thickness or THICKEST * min(length_x, length_y)
+    density = mass / (length_x * length_y * thickness)
     if density > HEAVIEST:
+        least = "" if wishes.thickness is not None else " at least"
+        action = ", or correct --thickness" if wishes.thickness is not None else ""
         raise InputError(
-            f"--mass: Expected the mass of a plate of {sides} in kg, got {mass:g}, a density of {density:.3g} "
-            f"kg/m³. For g write --mass {mass / 1e3:g}, or correct --thickness."
+            f"--mass: Expected the mass of a plate of {sides} in kg, got {mass:g}, a density of{least} "
+            f"{density:.3g} kg/m³. For g write --mass {mass / 1e3:g}{action}."
         )
 
 
