@@ -469,6 +469,8 @@ def test_there_are_seven_dozen_of_them():
         (["Run", "plate.yaml"], "Did you mean 'run'?"),
         (["new", "test.uff", "--thickness", "3.1mm"], "without the unit and with a decimal point, got '3.1mm'"),
         (["new", "test.uff", "--thickness", "0,003"], "with a decimal point, got '0,003'"),
+        (["frf", "hits.uff", "--out", "plate.uff", "--duration", "inf"], "expected a finite number"),
+        (["plan", "plate.yaml", "--masses", "nan"], "expected a finite number"),
     ],
 )
 def test_a_mistake_on_the_command_line_gets_its_remedy(arguments, words, capsys):
