@@ -48,6 +48,10 @@ BAD_CONFIGS = {
     "negative tolerance": ({"effects.plate.thickness": {"value": 0.003, "std": -1}}, ["effects.plate.thickness"]),
     "nothing for a parameter": ({"effects.plate.thickness": None}, ["effects.plate.thickness", "got nothing"]),
     "yes for a parameter": ({"effects.plate.thickness": True}, ["effects.plate.thickness", "True"]),
+    "a tolerance without end": ({"search.tolerance": float("inf")}, ["search.tolerance", "finite"]),
+    "a rigid support of 1e20": ({"effects.wires.stiffness": 1e20}, ["wires.stiffness", "at most", "rigid", "write"]),
+    "a loss beyond all": ({"effects.loss.stiffness_loss_factor": 1e308}, ["loss.stiffness_loss_factor", "1e+30"]),
+    "a density from nothing to all": ({"effects.plate.density": [1e-308, 1e308]}, ["plate.density", "1e-30"]),
     "negative thickness": ({"effects.plate.thickness": -0.003}, ["effects", "plate.thickness", "above 0", "-0.003"]),
     "interval through zero thickness": ({"effects.plate.thickness": [-0.1, 0.1]}, ["plate.thickness", "above 0"]),
     "logarithmic interval from zero": (

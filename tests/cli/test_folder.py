@@ -6,12 +6,15 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from torchplate.cli.folder import writing
 from torchplate.cli.folder.occupied import occupied
+from torchplate.measurement import Measurement
 
 ONE = ["plate.youngs_modulus"]
 NOBODY = 65534
@@ -94,6 +97,48 @@ class TestAPlaceWithoutRights:
         (open_to_all / "out").chmod(0o000)
         with without_rights():
             said_in_one_sentence(command(verb, path, "--out", open_to_all / "out"), "out", "rights")
+
+
+NODES = ["--nodes", "nodes.csv"]
+STEEL = ["--length", 0.41, 0.29, "--thickness", 0.0031, "--material", "steel"]
+
+
+class TestAFileWhereAFolderIsNeeded:
+    """A path that goes on behind a file, or an --out that is one."""
+
+    @pytest.mark.parametrize(
+        ("verb", "given", "out"),
+        [
+            ("run", ["plate.yaml"], "notes"),
+            ("run", ["plate.yaml"], "notes/out"),
+            ("diagnose", ["plate.yaml"], "notes/out"),
+            ("simulate", ["truth.yaml"], "notes/plate.uff"),
+            ("inspect", ["plate.npz"], "notes"),
+            ("modes", ["plate.npz", *NODES], "notes/modes.csv"),
+            ("new", ["plate.npz", *NODES, *STEEL], "notes/a.yaml"),
+            ("new", ["plate.npz", *NODES, *STEEL, "--force"], "folder.yaml"),
+            ("bench", ["--part", "air"], "notes"),
+        ],
+    )
+    def test_is_said(self, bench, make_config, command, monkeypatch, verb, given, out):
+        monkeypatch.chdir(bench.folder)
+        bench.write(make_config(ONE))
+        bench.measure()
+        evenly = replace(
+            Measurement.from_npz(bench.folder / "plate.npz"), frequency=6.5 * torch.arange(1, 62, dtype=torch.float64)
+        )
+        evenly.to_npz(bench.folder / "plate.npz")
+        places = [f"{k + 1},{0.41 * (k % 4) / 3},{0.29 * (k // 4) / 2}" for k in range(12)]
+        Path("nodes.csv").write_text("\n".join(["node,x,y", *places]) + "\n")
+        Path("notes").write_text("kept")
+        Path("folder.yaml").mkdir()
+        said_in_one_sentence(command(verb, *given, "--out", out), out.partition("/")[0])
+        assert Path("notes").read_text() == "kept"
+
+    def test_is_said_of_a_comparison(self, bench, command):
+        bench.run(ONE, {"search.n_generation": 1})
+        (bench.folder / "notes").write_text("kept")
+        said_in_one_sentence(command("compare", bench.folder / "out", "--out", bench.folder / "notes"), "notes")
 
 
 class TestARerun:

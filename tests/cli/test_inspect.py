@@ -35,6 +35,14 @@ def three_channels(coherence: bool = True) -> Measurement:
     )
 
 
+@pytest.mark.parametrize("name", ["plate.npz", "plate.uff", "plate.mat", "plate.wav", "plate.csv", "plate.lvm"])
+def test_an_empty_file_is_refused_in_one_sentence(tmp_path, command, name):
+    (tmp_path / name).touch()
+    status, _, stderr = command("inspect", tmp_path / name)
+    assert (status, stderr.count("\n")) == (2, 1)
+    assert name in stderr
+
+
 def report(measurement: Measurement, folder, name="plate.uff") -> tuple[str, bytes]:
     path = folder / name
     write_uff(measurement, path) if name.endswith("uff") else measurement.to_npz(path)

@@ -52,6 +52,22 @@ def test_a_mesh_that_fits_is_run(bench, monkeypatch):
     assert bench.run().result["objective"] is not None
 
 
+@pytest.mark.parametrize(
+    "changes", [{"n_member": 10**30}, {"n_repeat": 10**30}, {"n_member": 10**5, "n_repeat": 10**5}]
+)
+@pytest.mark.parametrize("optimizer", ["differential_evolution", "least_squares"])
+def test_a_population_that_does_not_fit_is_told_its_memory(
+    bench, make_config, command, changes, optimizer, monkeypatch
+):
+    monkeypatch.setattr("torchplate.identification.job.minimize", None)
+    monkeypatch.setattr("torchplate.cli.config.searches.available", lambda: 6 * GIGABYTE)
+    search = {"optimizer": optimizer} | changes
+    path = bench.write(make_config(["plate.youngs_modulus"], {"search": search}))
+    status, _, stderr = command("run", path, "--out", bench.folder / "out")
+    assert (status, stderr.count("\n")) == (2, 1)
+    assert re.search(r"search\.n_member: Expected a population that fits the 6 GB .* about [\d.e+]+ GB", stderr)
+
+
 def test_this_machine_has_memory_to_spare_or_does_not_tell():
     found = memory.available()
     assert found is None or found > 0

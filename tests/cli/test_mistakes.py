@@ -523,6 +523,8 @@ def test_there_are_eight_dozen_of_them():
         (["run", "plate.yaml", "--seed", "3"], "Write --set search.seed=3."),
         (["run", "plate.yaml", "--n-generation=40"], "Write --set search.n_generation=40."),
         (["run", "plate.yaml", "other.yaml"], "torchplate run takes one config: run them one after the other."),
+        (["frf", "hits.uff", "--out", "plate.uff", "--duration", "inf"], "expected a finite number"),
+        (["plan", "plate.yaml", "--masses", "nan"], "expected a finite number"),
     ],
 )
 def test_a_mistake_on_the_command_line_gets_its_remedy(arguments, words, capsys):

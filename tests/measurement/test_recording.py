@@ -1,5 +1,6 @@
 """Hits are found, cut, and thrown away where they are double or clipped; FRFs of them are those of pyFRF."""
 
+import contextlib
 import importlib.util
 from pathlib import Path
 
@@ -142,6 +143,16 @@ def test_a_single_hit_has_no_coherence():
 def test_settings_outside_their_range_are_refused(settings, words):
     with pytest.raises(ValueError, match=words):
         Cutting(**settings)
+
+
+@pytest.mark.parametrize("rate", [1e-320, 1e308])
+def test_a_rate_that_no_clock_has_makes_a_record_or_a_sentence(rate):
+    hit = made.hit(12)
+    slow = Recording(rate, hit[0], hit[1:], 12, (7, 2), "acceleration", True, "test")
+    with contextlib.suppress(MeasurementError):
+        frf_of_hits([slow])
+    with pytest.raises(MeasurementError, match="the record ends before the hit has"):
+        cut([recording(hit)], Cutting(duration=1e300))
 
 
 def test_a_flat_force_channel_is_refused():

@@ -1,11 +1,13 @@
 """Numbers at the end of what makes sense: hardly any damping, springs like rock, ν near ½; and threads and chunks."""
 
 import math
+import re
 
 import pytest
 import torch
 
-from torchplate.model import Searched, reduce
+from torchplate.effects import CATALOGUE
+from torchplate.model import PlateModel, Searched, reduce
 from torchplate.plate import Mesh
 
 MESHES = {"rectangle": Mesh(0.7, 0.4, 5, 3), "square": Mesh(0.4, 0.4, 4, 4)}
@@ -48,6 +50,59 @@ def test_springs_of_1e9_newtons_per_metre_are_rigid_supports(plates, name: str) 
     # The corners stand still: they move less than the plate does by the ratio of the stiffnesses.
     corner = found.frf(plates.nothing, lines, [corners[0]], [HIT], "accelerance")
     assert float(corner.norm()) < 1e-3 * float(one.norm())
+
+
+@SHAPES
+@pytest.mark.parametrize(
+    ("name_of", "effect", "number"),
+    [
+        ("ground_spring", CATALOGUE["ground_spring"](), "stiffness"),
+        ("edge_spring", CATALOGUE["edge_spring"](edge="y1"), "stiffness"),
+        ("edge_spring", CATALOGUE["edge_spring"](edge="y1"), "rotational_stiffness"),
+    ],
+)
+def test_a_spring_is_as_stiff_as_the_digits_of_the_plate_allow_and_no_stiffer(name, name_of, effect, number) -> None:
+    mesh = MESHES[name]
+    known = {
+        "plate.youngs_modulus": 7e10,
+        "plate.poisson_ratio": 0.33,
+        "plate.density": 2700.0,
+        "plate.thickness": 0.003,
+    }
+    known |= {"loss.stiffness_loss_factor": 0.01, "spring.stiffness": 0.0}
+    known |= {"spring.x": 0.2, "spring.y": 0.9} if name_of == "ground_spring" else {}
+    effects = {"plate": CATALOGUE["plate"](), "loss": CATALOGUE["hysteretic_damping"](), "spring": effect}
+
+    def build(value: float) -> PlateModel:
+        return PlateModel(mesh, effects, known | {f"spring.{number}": value})
+
+    with pytest.raises(ValueError, match="rounding") as refused:
+        build(1e20)
+    most = float(re.search(r"at most ([\d.e+]+)", str(refused.value))[1])
+    lines = torch.linspace(15.0, 400.0, 9, dtype=torch.float64)
+    nothing = torch.zeros(0, dtype=torch.float64)
+    stiffest, direct, rigid = (
+        getattr(build(part * most), way)(nothing, lines, [READ], [HIT], "accelerance")
+        for part, way in ((0.9, "frf"), (0.9, "frf_direct"), (0.01, "frf"))
+    )
+    assert float((stiffest - direct).norm() / direct.norm()) < 1e-5  # as stands beside the limit
+    # At the peak that moves most, whose width is a hundredth of its frequency.
+    assert float((rigid - direct).norm() / direct.norm()) < 3e-3
+
+
+@pytest.mark.parametrize(
+    ("number", "value"),
+    [
+        *((name, value) for name in ("plate.density", "plate.thickness") for value in (1e308, 1e31, 1e-31, 5e-324)),
+        ("wires.viscous_damping", 1e308),
+        ("loss.mass_loss_factor", 1e31),
+    ],
+)
+def test_a_number_that_no_plate_has_is_refused_by_name(plates, number: str, value: float) -> None:
+    with pytest.raises(ValueError, match=number):
+        plates.build(MESHES["square"], {number: value})
+    with pytest.raises(ValueError, match=number):
+        plates.build(MESHES["square"], {}, {number: Searched(min(value, 1e-3), max(value, 1e-3))})
 
 
 @SHAPES

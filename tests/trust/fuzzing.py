@@ -120,6 +120,12 @@ def corpus(folder: Path) -> dict[str, bytes]:
     hit = np.zeros((64, 3))
     hit[10:14, 0] = 0.4, 1.0, 0.6, 0.1  # a level top would be an overload
     hit[10:, 1:] = np.sin(np.arange(54) * 0.7)[:, None]
+    lines, one = frequency.numpy(), frf[:, :, 0].numpy()
+    savemat(folder / "frf.mat", {"freq": lines[:, None], "H": one, "coherence": np.full(one.shape, 0.9)})
+    np.savez(folder / "frfs.npz", f=lines, H_real=one.real, H_imag=one.imag)
+    polar = np.stack([lines, np.abs(one[:, 0]), np.degrees(np.angle(one[:, 0]))], axis=1)
+    table = [";".join(f"{x:.7g}".replace(".", ",") for x in row) for row in polar]
+    (folder / "frf.csv").write_text("Frequency [Hz];Magnitude [m/s2/N];Phase [deg]\n" + "\n".join(table) + "\n")
     np.savez(folder / "hit.npz", force=hit[:, 0], response=hit[:, 1:], fs=512.0)
     savemat(folder / "hit.mat", {"force": hit[:, 0], "acc": hit[:, 1:], "fs": 512.0})
     wavfile.write(folder / "hit.wav", 512, (hit * 2e4).astype(np.int16))
@@ -166,10 +172,14 @@ def readers(name: str) -> list[Callable[[Path], object]]:
     from torchplate.cli.folder.opening import read_checkpoint
     from torchplate.cli.verbs.new_draft import Wishes, drafted
     from torchplate.measurement import (
+        Layout,
+        MeasurementError,
         assess,
         describe,
         frf_of_hits,
+        frfs_of_tables,
         modes,
+        read_frf_table,
         read_geometry,
         read_measurement,
         read_modal_model,
@@ -202,6 +212,14 @@ def readers(name: str) -> list[Callable[[Path], object]]:
     def estimated(path: Path) -> None:
         frf_of_hits([replace(one, reference=one.reference or 1) for one in read_recordings(path)])
 
+    def tabled(path: Path) -> None:
+        table = read_frf_table(path)
+        if table is None:
+            raise MeasurementError("no table of FRFs")
+        one_response = table.frf[:, 0] if table.frf.ndim == 3 else table.frf
+        nodes = range(4, 4 + one_response.shape[1])
+        assess(frfs_of_tables([path], [table], Layout(responses=(1,), motion="acceleration"), list(nodes)))
+
     suffix = Path(name).suffix
     if name == "checkpoint.pt":
         return [checkpoint]
@@ -209,8 +227,9 @@ def readers(name: str) -> list[Callable[[Path], object]]:
         return [lambda path: DescentFile(path, {"config": "a"}).read()]
     return {
         ".uff": [judged, read_geometry, describe, estimated, read_modal_model, read_nodes, draft, analysed],
-        ".npz": [judged, estimated, draft, analysed],
-        ".csv": [estimated, read_nodes, read_modal_model],
+        ".npz": [judged, estimated, draft, analysed, tabled],
+        ".csv": [estimated, read_nodes, read_modal_model, tabled],
+        ".mat": [estimated, tabled],
         ".yaml": [config],
     }.get(suffix, [estimated])
 

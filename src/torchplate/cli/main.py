@@ -24,6 +24,7 @@ OUTSIDE = {
     errno.ENOMEM: "Close other programs, or take a coarser mesh or fewer members",
     errno.EIO: "Look after that disk, or name another place; a search goes on with --resume",
     errno.EISDIR: "Name a file",
+    errno.EEXIST: "Name a folder, or another place",
     errno.ENOTDIR: "Correct the path",
     errno.ENAMETOOLONG: "Shorten the path",
     errno.ELOOP: "Correct the links on the path",

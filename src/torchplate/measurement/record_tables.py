@@ -51,16 +51,18 @@ def _from_wav(path: Path) -> RecordTable:
 
 def _mat(path: Path) -> Mapping[str, Any]:
     from scipy.io import loadmat
-    from scipy.io.matlab import matfile_version
+    from scipy.io.matlab import MatReadError, matfile_version
 
-    if matfile_version(str(path))[0] == 1:
-        check_elements(path.read_bytes())
     try:
+        if matfile_version(str(path))[0] == 1:
+            check_elements(path.read_bytes())
         content: Mapping[str, Any] = loadmat(path, squeeze_me=True, simplify_cells=True)
     except NotImplementedError:
         raise MeasurementError(
             f"{path}: expected a MAT file up to version 7, got version 7.3. Save it with -v7."
         ) from None
+    except MatReadError as error:
+        raise MeasurementError(f"{path}: expected a MAT file, got a broken one ({error}). Save it again.") from None
     return content
 
 

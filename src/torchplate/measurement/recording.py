@@ -81,7 +81,7 @@ class Cutting:
             raise ValueError(
                 f"Expected a trigger between 0 and 1 of the highest force, got {self.trigger:g}. Take 0.1."
             )
-        if self.pre_trigger < 0:
+        if not 0 <= self.pre_trigger < float("inf"):
             raise ValueError(f"Expected a pre-trigger of 0 s or more, got {self.pre_trigger:g}. Take 0.01.")
         if self.duration is not None and not self.duration > 0:
             raise ValueError(f"Expected a duration above 0 s, got {self.duration:g}. Leave it out, or give seconds.")
@@ -157,13 +157,18 @@ def _starts(recording: Recording, cutting: Cutting) -> list[int]:
     above = np.flatnonzero(force > cutting.trigger * highest)
     # Peaks closer than a tenth of the recording, or than a record, are one hit and its bounces.
     n = len(force)
-    apart = int(cutting.duration * recording.rate) if cutting.duration is not None else max(n // 10, 1)
+    apart = _samples(cutting.duration, recording) if cutting.duration is not None else max(n // 10, 1)
     begins = [int(above[0])]
     for index in above[1:].tolist():
         if index - begins[-1] >= apart:
             begins.append(index)
-    lead = round(cutting.pre_trigger * recording.rate)
+    lead = _samples(cutting.pre_trigger, recording)
     return [max(index - lead, 0) for index in begins]
+
+
+def _samples(seconds: float, recording: Recording) -> int:
+    """Of a duration; one that no record has counts as longer than this one."""
+    return round(min(seconds * recording.rate, len(recording.force) + 1.0))
 
 
 def _upright(force: np.ndarray) -> np.ndarray:
@@ -174,7 +179,7 @@ def _upright(force: np.ndarray) -> np.ndarray:
 
 def _length(recordings: list[Recording], starts: list[list[int]], cutting: Cutting) -> int:
     if cutting.duration is not None:
-        return max(round(cutting.duration * recordings[0].rate), MIN_SAMPLES)
+        return max(_samples(cutting.duration, recordings[0]), MIN_SAMPLES)
     gaps = [
         end - begin
         for recording, own in zip(recordings, starts, strict=True)

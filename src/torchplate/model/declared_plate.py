@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from torchplate.effects import Effect, Plate, Searched
 from torchplate.model.arguments import Numbers, Point, Points, as_points, as_theta, check_range, limits
-from torchplate.model.declared import declared
+from torchplate.model.declared import check_rigid, declared
 from torchplate.model.frf import KINDS, laplace_lines, sensor_chain
 from torchplate.model.off_marks import OffMarks, carried_masses
 from torchplate.model.shared_modes import SharedModes
@@ -48,7 +48,9 @@ class DeclaredPlate(nn.Module):
             if mesh.cut and points is not None:
                 mesh.check_on_plate(mesh.places(as_points(points, name)).tolist())
         self.mesh = mesh
-        values, self._searched, self.space = declared(self.effects, known, searched or {})
+        found = declared(self.effects, known, searched or {})
+        check_rigid(mesh, self.effects, found)
+        values, self._searched, self.space = found
         self.register_buffer("known", torch.tensor(values, dtype=torch.float64))
         self.register_buffer("limit", limits(self.space, self._searched), persistent=False)
         self.assembly = Assembly(mesh) if assembly is None else assembly

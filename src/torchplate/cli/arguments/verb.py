@@ -1,6 +1,7 @@
 """A verb of the command line, as the parser takes it."""
 
 import argparse
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,11 +12,14 @@ Parsed = argparse.Namespace
 def number(text: str) -> float:
     """A number on the command line; what has a unit or a comma is answered with how it is written."""
     try:
-        return float(text)
+        found = float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(
             f"expected a number alone, in SI units, without the unit and with a decimal point, got '{text}'"
         ) from None
+    if not math.isfinite(found):
+        raise argparse.ArgumentTypeError(f"expected a finite number, got '{text}'")
+    return found
 
 
 @dataclass(frozen=True)

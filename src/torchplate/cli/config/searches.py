@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+from torchplate.cli.config.memory import available
 from torchplate.cli.config.recipe import Recipe
 from torchplate.cli.schema import Config, SearchConfig, unknown_key
 from torchplate.search import OPTIMIZERS, LeastSquares, Optimizer, unknown_name
@@ -12,6 +13,9 @@ from torchplate.search import OPTIMIZERS, LeastSquares, Optimizer, unknown_name
 SEARCHES: dict[str, type[Any]] = OPTIMIZERS | {LeastSquares.name: LeastSquares}
 # What all searches share and this one, whose starts stop one by one, does not take.
 _NOT_OF_LEAST_SQUARES = ("target", "tolerance", "stagnation")
+
+# Of each number of each member: the population, what is proposed, what was best, and their copies.
+BYTES_PER_NUMBER = 80.0
 
 
 def optimizer_of(recipe: Recipe) -> Optimizer[Any] | LeastSquares:
@@ -31,6 +35,7 @@ def optimizer_of(recipe: Recipe) -> Optimizer[Any] | LeastSquares:
             raise recipe.error(f"search.{key}", unknown_key(key, [*fields, *SearchConfig.model_fields], "search"))
     settings = recipe.typed("search", kind, settings)
     optimizer = recipe.told("search", lambda: kind(**settings))
+    _check_memory(recipe, optimizer.n_member)
     if isinstance(optimizer, LeastSquares):
         _check_least_squares(recipe, optimizer)
         return optimizer
@@ -42,6 +47,18 @@ def optimizer_of(recipe: Recipe) -> Optimizer[Any] | LeastSquares:
             "it, or lower search.n_member.",
         )
     return optimizer
+
+
+def _check_memory(recipe: Recipe, n_member: int) -> None:
+    """Whether the members, their fitness and those that are proposed fit the machine; models take their share apart."""
+    n_repeat, memory = recipe.config.search.n_repeat, available()
+    need = BYTES_PER_NUMBER * float(n_member) * float(n_repeat) * max(1, len(recipe.searched_names()))
+    if memory is not None and need > memory:
+        raise recipe.error(
+            "search.n_member",
+            f"Expected a population that fits the {memory / 1e9:.3g} GB of memory that are free, got {n_member:g} "
+            f"members in {n_repeat:g} searches, which take about {need / 1e9:.3g} GB. Lower it, or search.n_repeat.",
+        )
 
 
 def _check_least_squares(recipe: Recipe, settings: LeastSquares) -> None:

@@ -65,6 +65,7 @@ class SearchConfig(BaseModel):
         example=1.0e-6,
         default=1e-8,
         ge=0,
+        allow_inf_nan=False,
     )
     stagnation: int | None = key(
         "stops after this many generations without improvement", example=30, default=None, gt=0

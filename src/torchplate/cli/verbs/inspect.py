@@ -124,7 +124,7 @@ def _holds_frfs(path: Path) -> bool:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {"frf", "response", "reference"} <= {*archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile):
         return True
 
 

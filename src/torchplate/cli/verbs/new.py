@@ -39,7 +39,9 @@ def new(
         )
     if file.is_dir():
         raise InputError(f"{file}: Expected a measurement, got a folder. Name a .uff or .npz file in it.")
-    if out.exists() and not (force and out.is_file()):
+    if out.is_dir():
+        raise InputError(f"--out {out}: Expected the name of a config to write, got a folder. Name a file in it.")
+    if out.exists() and not force:
         raise InputError(
             f"--out {out}: Expected a new file, got one that exists. Name another, or give --force to write over it."
         )
