@@ -1,5 +1,6 @@
 """Arrays of an .npz archive and text of a header, whoever wrote them."""
 
+import errno
 import re
 import tokenize
 import zipfile
@@ -38,6 +39,11 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
                 raise ValueError("an array larger than the memory") from error
             except (SyntaxError, tokenize.TokenError, RecursionError) as error:
                 raise ValueError("an array whose head does not parse") from error
+            except OSError as error:
+                # Where bytes are missing, an array is said to lie before the file's beginning.
+                if error.errno != errno.EINVAL:
+                    raise
+                raise ValueError("an array that is not where the archive says") from error
 
 
 def plain(text: str) -> str:
