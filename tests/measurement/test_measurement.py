@@ -155,6 +155,17 @@ def test_an_archive_that_does_not_fit_is_refused(arrays, word, tmp_path):
     assert word in str(caught.value)
 
 
+@pytest.mark.parametrize(("first", "last"), [(5, 6), (40, 41), (10, 200)])
+def test_an_archive_that_lacks_bytes_is_refused_in_a_sentence(make_measurement, tmp_path, first, last):
+    """An array is then said to lie before the beginning of the file."""
+    path = tmp_path / "short.npz"
+    make_measurement().to_npz(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:first] + whole[last:])
+    with pytest.raises(MeasurementError, match=r"short\.npz"):
+        Measurement.from_npz(path)
+
+
 def test_a_file_that_is_no_archive_is_refused(tmp_path):
     path = tmp_path / "text.npz"
     path.write_text("frequency")
