@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from torchplate.measurement import Channel, Measurement, MeasurementError, NaturalFrequencies, read_measurement
+from torchplate.measurement.archive import arrays_of
 
 
 def test_band_keeps_the_lines_at_both_of_its_edges(make_measurement):
@@ -164,6 +165,9 @@ def test_an_archive_that_lacks_bytes_is_refused_in_a_sentence(make_measurement, 
     path.write_bytes(whole[:first] + whole[last:])
     with pytest.raises(MeasurementError, match=r"short\.npz"):
         Measurement.from_npz(path)
+    # Whoever else reads it is told by the same error that every other damage makes.
+    with pytest.raises(ValueError, match="not where the archive says"):
+        arrays_of(path)
 
 
 def test_a_file_that_is_no_archive_is_refused(tmp_path):
