@@ -4,7 +4,6 @@ Source: Universal File Format, University of Cincinnati SDRL. pyuff finds the da
 """
 
 import re
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -169,17 +168,18 @@ def _read(file: Any, index: int, path: Path, *, header_only: bool = False) -> di
 
 
 def _read_by_pyuff(file: Any, index: int, path: Path, *, header_only: bool) -> dict[str, Any]:
-    """A dataset as pyuff reads it; where it fails over D exponents, from a copy of it that has E in their place."""
+    """A dataset as pyuff reads it; where it fails over D exponents, from the same with E in their place."""
     try:
         dataset: dict[str, Any] = file.read_sets(index, header_only=header_only)
     except Exception:  # as above
         block = _block(file, index, path)
         if b"58b" in block.split(b"\n", 2)[1] or not FORTRAN.search(block):
             raise
-        with tempfile.TemporaryDirectory() as folder:
-            copy = Path(folder) / "dataset.uff"
-            copy.write_bytes(FORTRAN.sub(b"E", block) + b"    -1\n")
-            dataset = pyuff.UFF(str(copy)).read_sets(0, header_only=header_only)
+        number, block = int(file.get_set_types()[index]), FORTRAN.sub(b"E", block)
+        if number == 58:
+            dataset = pyuff.pyuff._extract58(block, header_only=header_only)
+        else:
+            dataset = getattr(pyuff.pyuff, f"_extract{number}")(block.decode("utf-8", errors="replace"))
     return dataset
 
 
