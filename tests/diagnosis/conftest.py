@@ -142,12 +142,12 @@ def leaving(fit: Fit, square: float) -> Fit:
 
 
 class Scene:
-    """A baseline beside FRFs whose level is 10 % too high unless told otherwise, with a noise of a hundredth."""
+    """A baseline beside FRFs whose level is 10 % too high, with a noise of a hundredth, unless told otherwise."""
 
-    def __init__(self, young=None, hidden=None, lines=SMALL_LINES, box=None):
+    def __init__(self, young=None, hidden=None, lines=SMALL_LINES, box=None, share=0.01, prior=None):
         with torch.no_grad():
             frf = small_plate(**(hidden or {"gain": 1.1})).frf(NOBODY, lines)
-        std = true_std(frf, 0.01, "signal")
+        std = true_std(frf, share, "signal")
         noise = Noise(std, true_floor(std, frf), (), torch.zeros_like(std))
         frfs = measured(lines, frf + noise_of(std, 4), SMALL_RESPONSE, SMALL_REFERENCE)
         # Ten modes in the band, and no mesh error: the data come from the same mesh.
@@ -155,10 +155,12 @@ class Scene:
         target = target.with_mesh_error(torch.zeros_like(lines), 0.0, 10)
         self.builder = ModelBuilder(small_plate(BOX | (box or {})), target, as_given=True)
         model = self.builder.given
-        self.ranking = Ranking(self.builder, {}, channels_of(model), lambda _: None)
-        theta = torch.tensor([young or 2.05e11, 1e-2], dtype=torch.float64)
+        self.ranking = Ranking(self.builder, prior or {}, channels_of(model), lambda _: None)
+        begin = {"plate.youngs_modulus": young or 2.05e11, "loss.stiffness_loss_factor": 1e-2}
+        begin |= {name: mean for name, (mean, _) in (prior or {}).items()}
+        theta = torch.tensor([begin[name] for name in model.names], dtype=torch.float64)
         if young is None:
-            self.fit = fit(self.builder, model, model.space.to_cube(theta)[None], wide=False)
+            self.fit = fit(self.builder, model, model.space.to_cube(theta)[None], prior, wide=False)
         else:
             start = model.space.to_cube(theta)
             self.fit = judged_at(self.builder, fit(self.builder, model, start[None], wide=False), {}, start)

@@ -570,7 +570,7 @@ def test_beside_a_finer_mesh_candidates_promise_what_they_would_on_it(lab, monke
     fine = replace(state, fit=fit(builder, given, start, wide=False))
     finer = ForwardSelection(builder, {}, lambda _: None)
     found, expected = (
-        {one.candidate.name: one.drop for one in one.ranking.scored(fine, 0.0).promises} for one in (selection, finer)
+        {one.candidate.name: one.drop for one in one.ranking.scored(fine, None).promises} for one in (selection, finer)
     )
     assert selection.builder.mesh.n_element < builder.mesh.n_element / 5
     assert expected["point_mass"] == max(expected.values()) > 0.1
@@ -606,7 +606,8 @@ def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab):
     marginal = fine.fit.marginal
     left = float(marginal.whitened(marginal.over_noise(truth - fine.fit.expected)).square().sum())
     # 2.0 and 0.8: it need not be sharp, and it is no less than what is left.
-    assert left < selection.settling.left_by_mesh(coarse, fine, finer) < 3 * left
+    expected = selection.settling.left_by_mesh(coarse, fine, finer)
+    assert left < float(marginal.whitened(marginal.over_noise(expected)).square().sum()) < 3 * left
 
 
 @torch.no_grad()

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from torchplate.diagnosis.selection.null import Draws
-from torchplate.diagnosis.selection.products import AT_ONCE, Products, best_of_places
+from torchplate.diagnosis.selection.products import AT_ONCE, Products, best_of_places, most_of_the_mesh
 
 
 def random(*shape: int, seed: int) -> torch.Tensor:
@@ -23,7 +23,8 @@ def test_they_are_those_of_whitened_and_freed_changes(lab, n_told):
     whole = torch.linalg.qr(random(n + n_told, 3, seed=3))[0]
     residual, draws = random(n + n_told, seed=4), Draws(n, n_told)
     left = residual - whole @ (whole.mT @ residual)
-    found = Products(marginal, left, whole, draws, n)
+    mesh = 3 * random(n, seed=5)
+    found = Products(marginal, left, whole, draws, n, mesh)
     score = found.of(change)
 
     white = torch.cat([marginal.whitened(change), change.new_zeros(7, n_told)], dim=-1)
@@ -37,6 +38,12 @@ def test_they_are_those_of_whitened_and_freed_changes(lab, n_told):
     fall = (freed @ every.mT).square() / freed.square().sum(-1)[:, None]
     assert torch.allclose(score.fall, fall, rtol=1e-8, atol=1e-8)
     assert torch.allclose(best_of_places(score), fall.amax(0), rtol=1e-8, atol=1e-8)
+    # What a mesh may have left is whitened and freed like a change.
+    white_mesh = torch.cat([marginal.whitened(mesh), mesh.new_zeros(n_told)])
+    along = freed @ (white_mesh - whole @ (whole.mT @ white_mesh))
+    assert torch.allclose(score.mesh, along, **close)
+    assert most_of_the_mesh(score) == pytest.approx(float((along.square() / freed.square().sum(-1)).max()))
+    assert not Products(marginal, left, whole, draws, n).of(change).mesh.any()
 
 
 def test_what_the_fitted_parameters_can_do_says_nothing_of_chance():
@@ -55,8 +62,8 @@ def test_draws_are_whitened_a_few_at_a_time_and_come_out_as_all_at_once(lab, mon
     whitened = Products.whitened
     monkeypatch.setattr(Products, "whitened", lambda own, rows: (asked.append(len(rows)), whitened(own, rows))[1])
     found = Products(marginal, left, known, draws, n).of(change)
-    # What is left and what the fitted parameters can do come first.
-    assert asked[0] == 1 + 3
+    # What is left, what a mesh may have left and what the fitted parameters can do come first.
+    assert asked[0] == 1 + 1 + 3
     assert sum(asked[1:]) == len(draws) > AT_ONCE
     assert max(asked) <= AT_ONCE
     monkeypatch.setattr("torchplate.diagnosis.selection.products.AT_ONCE", len(draws))

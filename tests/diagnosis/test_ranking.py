@@ -364,14 +364,32 @@ def test_beside_noise_what_promises_no_more_than_chance_waits_for_one_that_is_ne
 
 
 @torch.no_grad()
-def test_what_the_mesh_may_have_left_adds_to_what_chance_takes(lab):
+def test_what_the_mesh_may_have_left_adds_to_what_chance_takes_where_it_looks_like_the_effect(lab):
     """A vector's projection is no longer than those of its two parts together."""
     quiet = lab.Scene(hidden={"gain": 1.0})
     base = quiet.builder.reduced(quiet.fit.model, quiet.fit.theta[None], by_element=True)
-    every = [quiet.candidate(name) for name in ("point_mass", "sensor_gain")]
-    chance, both = (quiet.ranking._nearby(quiet.state, base, every, by_mesh)[1] for by_mesh in (0.0, 16.0))
+    every = [quiet.candidate(name) for name in ("point_mass", "sensor_gain", "time_delay")]
+    # A mesh that made all FRFs too small by a part would look like a gain, and not like a delay.
+    by_mesh = 0.01 * quiet.fit.expected
+    alone, beside = (quiet.ranking._nearby(quiet.state, base, every, one) for one in (None, by_mesh))
+    chance = alone[1]
     assert 4 < chance < 30
-    assert both == pytest.approx(chance + 16 + 8 * chance**0.5)
+    assert beside[1] == chance
+    ranked = Ranked(tuple(beside[0]), (), chance, square=quiet.fit.square)
+    gain, mass, delay = (
+        next(one for one in ranked.promises if one.candidate.name == name)
+        for name in ("sensor_gain", "point_mass", "time_delay")
+    )
+    marginal = quiet.fit.marginal
+    whole = float(marginal.whitened(marginal.over_noise(by_mesh)).square().sum())
+    # The modulus and the loss, which are fitted, take some of it.
+    assert 0.5 * whole < gain.by_mesh < whole
+    assert mass.by_mesh < gain.by_mesh
+    assert delay.by_mesh < 1e-3 * gain.by_mesh
+    assert ranked.allowed(gain) == pytest.approx(chance + gain.by_mesh + 2 * (chance * gain.by_mesh) ** 0.5)
+    assert ranked.exceeds(delay) == pytest.approx(delay.drop * quiet.fit.square / ranked.allowed(delay))
+    assert ranked.exceeds(ranked.most_beyond) == max(map(ranked.exceeds, ranked.promises))
+    assert not any(one.by_mesh for one in alone[0])
 
 
 @torch.no_grad()

@@ -120,13 +120,13 @@ def nothing_but_chance(seen: Trace) -> tuple[str, ...]:
         return ()
     ranked = seen.rankings[0]
     if not ranked.hypotheses:
-        if not ranked.promises or not ranked.square:
+        best = ranked.most_beyond
+        if best is None or not ranked.square:
             return ()
-        best = ranked.promises[0]
         return (
             f"On a finer mesh the best of the catalogue, {best.candidate.name}, promises to take "
-            f"{best.drop * ranked.square:.3g} from the sum of squares; where nothing is missing, chance and that mesh "
-            f"let the best take {ranked.by_chance:.3g} once in a hundred times.",
+            f"{best.drop * ranked.square:.3g} from the sum of squares; where nothing is missing, chance and what that "
+            f"mesh leaves let it take {ranked.allowed(best):.3g} once in a hundred times.",
         )
     nearest = min(ranked.hypotheses, key=lambda one: one.cost)
     fall = max(0.0, seen.baseline.fit.cost - nearest.fit.cost)

@@ -25,11 +25,19 @@ def nameable() -> list[str]:
 
 
 class Trial(NamedTuple):
-    """A member of a candidate, and the multiples of its step from the neutral values that it is believed for."""
+    """A member of a candidate, and the multiples of its step from the neutral values that it is believed for.
+
+    Attributes:
+        values: of its parameters.
+        lowest: multiple.
+        highest: likewise.
+        rest: the values that it is a step from, where its change is that of a tangent; None where a step's is meant.
+    """
 
     values: Mapping[str, float]
     lowest: float
     highest: float
+    rest: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)

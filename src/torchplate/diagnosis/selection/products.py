@@ -11,7 +11,7 @@ so W is applied once to the few vectors r, K and the draws of chance, not to eve
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from torchplate.diagnosis.selection.null import PARALLEL, Draws
@@ -29,12 +29,14 @@ class Product(NamedTuple):
         size: square of each, freed.
         known: of each with the basis of what the fitted parameters can do.
         drawn: of each, freed, with each draw.
+        mesh: of each, freed, with what a mesh may have left.
     """
 
     along: Float[Tensor, " n_member"]
     size: Float[Tensor, " n_member"]
     known: Float[Tensor, "n_member n_known"]
     drawn: Float[Tensor, "n_member n_draw"]
+    mesh: Float[Tensor, " n_member"]
 
     @property
     def fall(self) -> Float[Tensor, "n_member n_draw"]:
@@ -51,6 +53,7 @@ class Products:
         known: basis of that, orthonormal.
         draws: whitened residuals as chance makes them; None where nobody asks.
         n: of the residuals, those of the FRFs; those of what is known beforehand come after them.
+        mesh: what a mesh may have left of the FRFs, over √D; None for nothing.
     """
 
     def __init__(
@@ -60,9 +63,11 @@ class Products:
         known: Float[Tensor, "n_residual n_known"],
         draws: Draws | None,
         n: int,
+        mesh: Float[Tensor, " n"] | None = None,
     ) -> None:
         self._marginal, self._known, self._n = marginal, known, n
-        rows = torch.cat([left[None, :n], known.mT[:, :n]])
+        by_mesh = torch.zeros_like(left[:n]) if mesh is None else self.freed(mesh)[:n]
+        rows = torch.cat([left[None, :n], by_mesh[None], known.mT[:, :n]])
         n_draw = 0 if draws is None else len(draws)
         beside = left.new_empty(len(rows) + n_draw, n)
         beside[: len(rows)] = self.whitened(rows)
@@ -85,15 +90,23 @@ class Products:
     def of(self, change: Float[Tensor, "n_member n"]) -> Product:
         """Those of some changes over √D."""
         beside, n_known = change @ self._beside, self._known.shape[-1]
-        along, known, drawn = beside.tensor_split((1, 1 + n_known), dim=-1)
+        along, mesh, known, drawn = beside.tensor_split((1, 2, 2 + n_known), dim=-1)
         whole = change.square().sum(-1)
         if self._marginal is not None:
             whole = whole - self._marginal.hidden(change)
         size = (whole - known.square().sum(-1)).clamp(min=1e-280)
-        return Product(along[:, 0], size, known, drawn)
+        return Product(along[:, 0], size, known, drawn, mesh[:, 0])
 
 
 def best_of_places(found: Product) -> Float[Tensor, " n_draw"]:
     """What the best of some changes would take from each draw, those left out that the fitted parameters can make."""
-    kept = found.size > PARALLEL**2 * found.size.max()
-    return found.fall[kept].amax(0)
+    return found.fall[_seen(found)].amax(0)
+
+
+def most_of_the_mesh(found: Product) -> float:
+    """What the best of them would take from the square of what a mesh may have left, likewise."""
+    return float((found.mesh.square() / found.size)[_seen(found)].amax())
+
+
+def _seen(found: Product) -> Bool[Tensor, " n_member"]:
+    return found.size > PARALLEL**2 * found.size.max()

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate
@@ -56,20 +56,25 @@ class Ranking:
         self._far: set[str] = set()
         self._ways: tuple[tuple[Candidate, Tensor], ...] = ()
 
-    def scored(self, fine: State, by_mesh: float) -> Ranked:
+    def scored(self, fine: State, by_mesh: Complex[Tensor, "n_frequency n_response n_reference"] | None) -> Ranked:
         """Score the whole catalogue beside a state on a finer mesh, where little is left, and refit nothing.
 
         What is left is that mesh's; what candidates would change of it, a difference, is known well enough on this one.
 
         Args:
             fine: beside which.
-            by_mesh: sum of squares that the finer mesh may have left.
+            by_mesh: change of the FRFs that the finer mesh may have left; None for none.
         """
         model = self.builder.corrected(fine.fit.model, fine.fit.theta).model
         state = replace(fine, fit=fine.fit._replace(model=model))
         base, everyone = self._catalogue_beside(state)
         promises, by_chance = self._nearby(state, base, everyone, by_mesh, fine.fit.expected)
-        return Ranked(tuple(promises), (), by_chance, square=fine.fit.square)
+        found = Ranked(tuple(promises), (), by_chance, square=fine.fit.square)
+        if found.square and (most := found.most_beyond):
+            self.say(
+                f"  {most.candidate.name} promises {found.exceeds(most):.2g} times what chance and the mesh let it take"
+            )
+        return found
 
     def at(self, state: State) -> Ranked:
         """Score the whole catalogue, and refit what promises most."""
@@ -191,23 +196,20 @@ class Ranking:
         state: State,
         base: PlateModel,
         everyone: Sequence[Candidate],
-        by_mesh: float = 0.0,
+        by_mesh: Tensor | None = None,
         says: Tensor | None = None,
     ) -> tuple[list[Scored], float]:
-        """All candidates scored where peaks overlap; and what chance takes with the mesh, where little is left."""
+        """All candidates scored where peaks overlap; and what chance takes, where little is left."""
         builder, near = self.builder, state.fit.marginal
         if says is None and (step := self._line_step(state)) > 1:
             builder = builder.against(builder.target.every(step))
             near = builder.target.marginal(base, state.fit.theta, state.fit.about).rescaled(near.scale)
         draws = self._by_chance(state, builder.target)
-        promises = screen(builder, base, state.fit.theta, everyone, self.prior, near=near, draws=draws, says=says)
+        promises = screen(builder, base, state.fit.theta, everyone, self.prior, near, draws, says, by_mesh)
         if draws is None:
             return promises, 0.0
         by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
-        # What a candidate takes is the square of a projection, and those of noise and of the mesh add up at worst.
-        by_chance = (math.sqrt(by_chance) + math.sqrt(by_mesh)) ** 2
-        alone = "chance and the mesh" if by_mesh else "chance alone"
-        self.say(f"  {alone} would let the best of them take {by_chance:.3g} from the sum of squares")
+        self.say(f"  chance alone would let the best of them take {by_chance:.3g} from the sum of squares")
         return promises, by_chance
 
     def _widely(

@@ -17,12 +17,12 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.diagnosis.candidates.candidate import Candidate, distance, vector
+from torchplate.diagnosis.candidates.candidate import Candidate, Trial, distance, vector
 from torchplate.diagnosis.freed_memory import hand_back
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.selection.null import Draws, falls
-from torchplate.diagnosis.selection.products import Product, Products, best_of_places
+from torchplate.diagnosis.selection.products import Product, Products, best_of_places, most_of_the_mesh
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.discrepancy import Marginal
 from torchplate.model import PlateModel
@@ -44,6 +44,7 @@ class Scored(NamedTuple):
         starts: on the unit cube of `model`, the best first.
         signature: direction of its change, unit length.
         by_chance: what it would take from the sum of squares of each draw in which nothing is missing.
+        by_mesh: what it would take from that of what the mesh may have left.
     """
 
     candidate: Candidate
@@ -54,6 +55,7 @@ class Scored(NamedTuple):
     starts: Float[Tensor, "n_start n"]
     signature: Float[Tensor, " n_residual"]
     by_chance: Float[Tensor, " n_draw"]
+    by_mesh: float = 0.0
 
 
 def screen(
@@ -65,6 +67,7 @@ def screen(
     near: Marginal | None = None,
     draws: Draws | None = None,
     says: Complex[Tensor, "n_frequency n_response n_reference"] | None = None,
+    mesh: Complex[Tensor, "n_frequency n_response n_reference"] | None = None,
 ) -> list[Scored]:
     """Score all candidates, the most promising first.
 
@@ -79,6 +82,7 @@ def screen(
         draws: residuals at the sharp level that chance makes, to be scored too.
         says: what the baseline is better known to say; left out, what it says in the basis. Changes beside it are those
             of the basis.
+        mesh: change of the FRFs that their mesh may have left; None for none, and where peaks do not overlap.
     """
     hand_back(builder.target.measured.nbytes)
     level = builder.target.levels - 1 if near is not None else builder.target.settings.wide.screened
@@ -89,8 +93,10 @@ def screen(
     residual = own if says is None else here.deviations(says, theta, level)
     # What ended on the edge of its interval is not free to do anything more.
     loose = ~base.space.at_bound(theta)
+    # What a candidate does beyond them may be a small part of what it does: they have to be known so much better.
+    differences = "forward" if near is None else "central"
     if bool(loose.any()):
-        jacobian = JACOBIANS["forward"].differentiate(lambda p: here.residual(p, level), position[None], own[None])
+        jacobian = JACOBIANS[differences].differentiate(lambda p: here.residual(p, level), position[None], own[None])
         tangent = jacobian[0][:, loose]
         norm = tangent.norm(dim=0).clamp(min=1e-300)
         known, upper = torch.linalg.qr(tangent / norm)
@@ -99,7 +105,8 @@ def screen(
 
     n_told = len(here.told(theta))
     left = residual - (residual @ known) @ known.mT
-    products = Products(near, left, known, draws, len(residual) - n_told)
+    left_by_mesh = None if mesh is None or near is None else near.over_noise(mesh)
+    products = Products(near, left, known, draws, len(residual) - n_told, left_by_mesh)
     # What whitening took, of draws above all.
     hand_back(builder.target.measured.nbytes)
     felt = known.mT @ residual
@@ -121,17 +128,24 @@ def screen(
         changes = _Changes(here, Problem(builder, model, prior, near), theta, plain, level)
         with torch.no_grad():
             exchanged = builder.target.rearranged(plain, base, candidate.effect, level)
+            rests = _rests(model, theta, base, trials, label) if near is not None else None
             if exchanged is not None:
                 members, changed = theta[None], changes.to(exchanged)[None]
-                score = products.of(changed)
+                score, kept = products.of(changed), [0]
                 builder.count(1)
             else:
                 members = _members(model, theta, base, [trial.values for trial in trials], label)
                 scores = []
-                for some in members.split(_at_once(left)):
-                    changed = changes.of(some)
+                for some in torch.arange(len(members)).split(_at_once(left)):
+                    changed, kept = changes.of(members[some], None if rests is None else rests[some]), some.tolist()
                     scores.append(products.of(changed))
                 score = Product(*(torch.cat(part) for part in zip(*scores, strict=True)))
+            if not candidate.has_place:
+                if len(kept) < len(members):
+                    changed = changes.of(members, rests)
+                freed = products.freed(changed)
+                # What is left of a change that the fitted parameters nearly undo is lost where squares are subtracted.
+                score = score._replace(along=freed @ left, size=freed.square().sum(-1).clamp(min=1e-280))
         # A discrete effect is there or not.
         limits = theta.new_tensor([[trial.lowest, trial.highest] for trial in trials])
         alpha = (score.along / score.size).clamp(limits[:, 0], limits[:, 1])
@@ -140,26 +154,24 @@ def screen(
         values = [_moved(candidate, dict(one.values), float(a)) for one, a in zip(trials, alpha, strict=True)]
         chosen = _apart(values, drop)
         rooms = [makes_room(alpha[index] * score.known[index]) for index in chosen]
-        starts = torch.stack(
-            [start_of(model, room, base, values[index], label) for room, index in zip(rooms, chosen, strict=True)]
-        )
+        begun = [_for_the_own(candidate, values[k], base, theta, room) for k, room in zip(chosen, rooms, strict=True)]
+        starts = torch.stack([start_of(model, room, base, own, label) for room, own in zip(rooms, begun, strict=True)])
         if near is not None and candidate.searched:
             # From where the model is, too: with an effect more it cannot end farther off than without.
             starts = torch.cat([starts, start_of(model, theta, base, values[chosen[0]], label)[None]])
-        best, least = chosen[0], int(score.size.argmin()) if not candidate.has_place else chosen[0]
-        if len(changed) < len(members):
-            # They were not kept: too many. Of places, one is asked for.
-            some = members[[least]] if candidate.has_place else members
-            with torch.no_grad():
-                changed = changes.of(some)
-        elif candidate.has_place:
-            changed = changed[[least]]
-        freed = products.freed(changed)
+        best, least = chosen[0], chosen[0] if candidate.has_place else int(score.size.argmin())
+        if candidate.has_place:
+            # Of places, one is asked for: the others were not kept.
+            change = changed[kept.index(best)] if best in kept else changes.of(members[[best]])[0]
+            freed = products.freed(change[None])
         signature = freed[0 if candidate.has_place else least] / score.size[least].sqrt()
+        together = candidate.searched and not candidate.has_place
+        by_mesh = float(falls(freed, score.mesh[:, None])) if together else most_of_the_mesh(score)
         by_chance = residual.new_zeros(0)
         if draws is not None and candidate.searched:
-            by_chance = best_of_places(score) if candidate.has_place else falls(freed, score.drawn)
-        found.append(Scored(candidate, label, model, float(drop[best]), values[best], starts, signature, by_chance))
+            by_chance = falls(freed, score.drawn) if together else best_of_places(score)
+        promise = float(drop[best]), values[best], starts, signature, by_chance, by_mesh
+        found.append(Scored(candidate, label, model, *promise))
     return sorted(found, key=lambda one: -one.drop)
 
 
@@ -177,10 +189,24 @@ class _Changes:
     def __init__(self, here: Problem, there: Problem, theta: Tensor, plain: Tensor, level: int) -> None:
         self._here, self._there, self._theta, self._plain, self._level = here, there, theta, plain, level
 
-    def of(self, members: Float[Tensor, "n_member n"]) -> Float[Tensor, "n_member n_residual"]:
-        """Those of members."""
+    def of(
+        self, members: Float[Tensor, "n_member n"], rest: Float[Tensor, "n_member n"] | None = None
+    ) -> Float[Tensor, "n_member n_residual"]:
+        """Those of members; to first order, where they are tangents that begin at rest."""
+        if rest is not None:
+            return self._along(rest, members)
         inside = self._there.model.space.to_si(self._there.model.space.to_cube(members))
         return self.to(self._there.predict(inside, self._level))
+
+    def _along(
+        self, rest: Float[Tensor, "n_member n"], members: Float[Tensor, "n_member n"]
+    ) -> Float[Tensor, "n_member n_residual"]:
+        """Those of members to first order: 4 δ(h/2) − δ(h), of which the second order in the step h cancels.
+
+        A step, however small, is not straight. Beside one of the baseline's own numbers that does nearly the same, as a
+        thickness beside a modulus, the second order is what would be left of it.
+        """
+        return 4 * self.of(0.5 * (rest + members)) - self.of(members)
 
     def to(self, prediction: Tensor) -> Tensor:
         """Those of predictions: the FRFs change, what is known beforehand does not."""
@@ -224,6 +250,15 @@ def _members(
     return torch.where(own.isnan(), _spread(model, theta, base), own)
 
 
+def _rests(
+    model: PlateModel, theta: Tensor, base: PlateModel, trials: Sequence[Trial], label: str
+) -> Float[Tensor, "n_member n"] | None:
+    """Where tangents begin; None where steps are meant."""
+    rests = [trial.rest for trial in trials]
+    some = [rest for rest in rests if rest is not None]
+    return _members(model, theta, base, some, label) if len(some) == len(rests) else None
+
+
 def _spread(model: PlateModel, theta: Tensor, base: PlateModel) -> Tensor:
     """The baseline's values in the order of a larger model; zero for what it does not have."""
     if not len(model.names):
@@ -247,6 +282,22 @@ def _moved(candidate: Candidate, values: dict[str, float], alpha: float) -> dict
             moved = neutral + alpha * (value - neutral)
         values[key] = min(max(moved, interval.low), interval.high)
     return values
+
+
+def _for_the_own(
+    candidate: Candidate, values: Mapping[str, float], base: PlateModel, theta: Tensor, room: Tensor
+) -> Mapping[str, float]:
+    """A member's values where it stands for a number of the plate that is searched, too, within what was told of it.
+
+    To first order both add up, and the plate's own goes back to where it was told to be; in truth one counts.
+    """
+    plate = next(label for label, own in base.effects.items() if own.name == "plate")
+    own = f"{plate}.{candidate.name}"
+    if own not in base.names or values.keys() != {"value"}:
+        return values
+    index, interval = base.names.index(own), candidate.searched["value"]
+    value = values["value"] * float(room[index] / theta[index])
+    return {"value": min(max(value, interval.low), interval.high)}
 
 
 def _apart(values: Sequence[Mapping[str, float]], drop: Tensor) -> list[int]:

@@ -3,6 +3,9 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+from jaxtyping import Complex
+from torch import Tensor
+
 from torchplate.diagnosis.fit import Beat, fit
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
@@ -99,18 +102,17 @@ class Settling:
         # Of the finer mesh its elements alone are asked for here.
         finer = self.builder.as_fine_as(self.builder.target.settings.meshes.settling)
         scored = self.ranking.scored(fine, self.left_by_mesh(coarse, fine, finer))
-        more = bool(scored.promises) and scored.promises[0].drop * scored.square > scored.by_chance
-        return None if more else scored
+        return None if any(scored.exceeds(one) > 1 for one in scored.promises) else scored
 
-    def left_by_mesh(self, coarse: State, fine: State, finer: ModelBuilder) -> float:
-        """Sum of squares that the finer mesh may have left, from what two meshes differ by where both are fitted.
+    def left_by_mesh(
+        self, coarse: State, fine: State, finer: ModelBuilder
+    ) -> Complex[Tensor, "n_frequency n_response n_reference"]:
+        """Change of the FRFs that the finer mesh may have left, from what two differ by where both are fitted.
 
         What is left is of the second order in a side: on meshes of n and N elements, e_N = (e_n − e_N) n / (N − n).
         """
-        marginal = fine.fit.marginal
-        differ = marginal.whitened(marginal.over_noise(coarse.fit.expected - fine.fit.expected)).square().sum()
         n, further = self.builder.mesh.n_element, finer.mesh.n_element - self.builder.mesh.n_element
-        return float(differ) * (n / further) ** 2 if further > 0 else 0.0
+        return (coarse.fit.expected - fine.fit.expected) * (n / further if further > 0 else 0.0)
 
     def on_a_finer_mesh(self, state: State) -> ModelBuilder:
         """What builds the last models, with the mesh error taken off where a state is."""

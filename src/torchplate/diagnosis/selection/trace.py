@@ -1,5 +1,6 @@
 """Where forward selection stands, and everything that it has fitted."""
 
+import math
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -91,8 +92,8 @@ class Ranked:
     Attributes:
         promises: the score test.
         hypotheses: what was refitted.
-        by_chance: what chance, and the mesh where that may show, let the best of the catalogue take from the sum of
-            squares once in a hundred; 0 where so much is left that it was not asked.
+        by_chance: what chance lets the best of the catalogue take from the sum of squares once in a hundred; 0 where so
+            much is left that it was not asked.
         far: names that were fitted beside the frequency axis alone, where they stayed far above the best.
         square: that the promises are parts of, where they were asked on a finer mesh and nothing was refitted; else 0.
         ways: candidates where they ended beside the frequency axis, on the unit cube, the nearest first.
@@ -104,3 +105,19 @@ class Ranked:
     far: frozenset[str] = frozenset()
     square: float = 0.0
     ways: tuple[tuple[Candidate, Tensor], ...] = ()
+
+    def allowed(self, one: Scored) -> float:
+        """What chance and the mesh would let an effect take from the sum of squares.
+
+        What it takes is the square of a projection, and those of noise and of the mesh add up at worst.
+        """
+        return (math.sqrt(self.by_chance) + math.sqrt(one.by_mesh)) ** 2
+
+    def exceeds(self, one: Scored) -> float:
+        """What an effect promises on a finer mesh over what chance and the mesh would let it take."""
+        return one.drop * self.square / max(self.allowed(one), 1e-300)
+
+    @property
+    def most_beyond(self) -> Scored | None:
+        """The effect of which that is largest."""
+        return max(self.promises, key=self.exceeds, default=None)
