@@ -195,7 +195,7 @@ def decay_of(frf: Tensor, line: int, analyser: Analyser) -> float:
     # a and b are real, c and d too.
     rows = torch.stack([torch.ones_like(z), z, -h * z, -h * z**2], dim=1)
     rows, right = torch.cat([rows.real, rows.imag]), torch.cat([h.real, h.imag])
-    d = float(torch.linalg.lstsq(rows, right[:, None]).solution[3, 0])
+    d = float(torch.linalg.lstsq(rows, right[:, None], driver="gelsd").solution[3, 0])
     return -math.log(d) / (2 * step)
 
 

@@ -133,7 +133,7 @@ class Reach:
         for turn in range(N_TURN):
             design, target = torch.view_as_real(columns * weight[:, None]), torch.view_as_real(y * weight)
             matrix = design.movedim(-1, 0).flatten(0, 1)
-            value = torch.linalg.lstsq(matrix, target.mT.flatten()[:, None]).solution[:, 0]
+            value = torch.linalg.lstsq(matrix, target.mT.flatten()[:, None], driver="gelsd").solution[:, 0]
             z = basis @ value.to(basis)
             slope = 1 / (1 + z * own)
             left = base + float((size * (y - z * slope).abs().square()).sum())

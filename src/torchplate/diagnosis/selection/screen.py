@@ -116,7 +116,7 @@ def screen(
         if near is None or not bool(loose.any()):
             return theta
         step = torch.zeros_like(position)
-        step[loose] = torch.linalg.lstsq(upper, (felt - taken)[:, None]).solution[:, 0] / norm
+        step[loose] = torch.linalg.lstsq(upper, (felt - taken)[:, None], driver="gelsd").solution[:, 0] / norm
         return base.space.to_si((position - step).clamp(0.0, 1.0))
 
     total = float(left.square().sum())
