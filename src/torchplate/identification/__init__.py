@@ -9,7 +9,7 @@
 - `stretch`: by which factor a model's natural frequencies meet those of a test, a guess before any search;
   `another_plate`: what that says of a density, a modulus or a thickness that are not the plate's.
 - `result`: what was found, as result.json holds it; `caveats`: what must be known before it is trusted;
-  `fit_quality`: how good the fit is, in words.
+  `odd_channels`: which channels are right but for a factor; `fit_quality`: how good the fit is, in words.
 """
 
 from torchplate.identification.another_plate import another_plate
