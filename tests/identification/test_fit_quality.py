@@ -6,8 +6,9 @@ import pytest
 import torch
 
 import torchplate as tp
+from torchplate.discrepancy import Evidence
 from torchplate.effects import ChannelPolarity
-from torchplate.identification import fit_in_words
+from torchplate.identification import PlateState, States, fit_in_words
 
 
 @pytest.mark.parametrize("gap", [1.0, 1.12, 4.0, math.nan, math.inf])
@@ -127,3 +128,19 @@ def test_frfs_that_no_model_explains_have_no_channel_that_looks_turned(bench):
     frfs = bench.exact_frfs()
     other = type(frfs)(**{**vars(frfs), "frf": 1j * frfs.frf})
     assert not tp.identify(bench.plate(()), other).caveats
+
+
+def test_a_channel_that_is_turned_in_one_state_is_told_with_the_state(bench):
+    frfs, model = bench.exact_frfs(), bench.plate(["plate.youngs_modulus"])
+    placed = type(model)(
+        model.mesh, dict(model.effects), model.known_values, model.searched, [4, 7], [1, 6], "accelerance"
+    )
+    states = States(
+        [
+            PlateState.of("before", placed, Evidence(frfs)),
+            PlateState.of("after", placed, Evidence(changed(frfs, 1, -1.0))),
+        ]
+    )
+    search = tp.DifferentialEvolution(strategy="best/1/bin", n_member=10)
+    (said,) = tp.identify(states, search=search, n_generation=20).caveats
+    assert said.startswith("State 'after': Response 7w looks turned: ")

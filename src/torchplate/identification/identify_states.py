@@ -11,9 +11,11 @@ from torch import Tensor
 
 from torchplate.discrepancy import Objective
 from torchplate.identification.basis_check import in_reduced_basis
+from torchplate.identification.caveats import of_sign
 from torchplate.identification.evaluation import compared, off_in_basis, with_search
 from torchplate.identification.job import Job, Settings
 from torchplate.identification.mesh_error import followed_in_states
+from torchplate.identification.odd_channels import of_channels
 from torchplate.identification.polish import polished
 from torchplate.identification.result import Result
 from torchplate.identification.states import States
@@ -98,6 +100,8 @@ def _found(
         parts[one.name] = compared(one.objective, small.objective, own, optimizer, settings)
         if small.objective is not one.objective and len(own):
             said += off_in_basis(one.objective, small.objective, own, one.name)[1]
+        odd = of_channels(small.objective, own) or of_sign(small.objective, own)
+        said += [f"State '{one.name}': {sentence}" for sentence in odd]
     first = dataclasses.replace(next(iter(parts.values())), gain=None, modes=None, status=NOT_SEARCHED)
     whole = with_search(first, searched, theta, outcome, optimizer)
     whole = dataclasses.replace(whole, caveats=whole.caveats + said)
