@@ -140,3 +140,24 @@ def test_a_fine_mesh_without_a_basis_says_what_takes_the_time(bench, make_config
     said = " ".join(out.split())
     assert "all 105 dofs, since no smaller basis is right over the whole box" in said
     assert "narrower intervals, a lower end of the band or a coarser mesh take less" in said
+
+
+@pytest.mark.parametrize("name", ["differential_evolution", "least_squares"])
+def test_a_mesh_error_that_was_taken_off_anew_stands_in_the_result_and_the_report(bench, name):
+    """And one half of the way after the other ends where all of it does."""
+    search = {"search.optimizer": name, "search.n_generation": 6, "search.basis": "full"}
+    if name == "least_squares":
+        search |= dict.fromkeys(("search.strategy", "search.differential_weight", "search.crossover_rate"), ...)
+        search["search.n_member"] = 3
+    finer = {"mesh.refine": 2, "mesh.extrapolate": True, "measurement.band": [8.0, 150.0]}
+    changes = finer | search | {"effects.plate.poisson_ratio": [0.05, 0.35]}
+    whole = bench.run(["plate.youngs_modulus"], changes, "whole")
+    assert 1e-5 < whole.result["mesh_error_moved"] < 1e-2
+    assert "taken off anew there" in (whole.folder / "report.md").read_text()
+    if name == "differential_evolution":
+        bench.run(["plate.youngs_modulus"], changes | {"search.n_generation": 3}, "parts")
+        parts = bench.run(["plate.youngs_modulus"], changes, "parts", ["search.n_generation=6"], resume=True)
+        assert parts.result["parameters"] == whole.result["parameters"]
+    alike = bench.run(["plate.youngs_modulus"], finer | search, "alike")
+    assert "mesh_error_moved" not in alike.result
+    assert "anew" not in (alike.folder / "report.md").read_text()

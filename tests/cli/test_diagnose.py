@@ -20,6 +20,7 @@ from torchplate.cli.verbs.diagnose import _say, diagnose
 from torchplate.cli.verbs.plan import plan, read_doubts
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import SI_UNIT, Channel, Measurement
+from torchplate.notation import percent
 from torchplate.planning import Lab
 
 RESPONSE, REFERENCE = (4, 7), (1, 6, 10)
@@ -95,6 +96,18 @@ def test_a_dead_channel_is_left_out_and_every_number_that_is_written_is_one(diag
         json.loads((tmp_path / "out" / name).read_text(), parse_constant=no_number)
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert "point_mass" in [effect["name"] for effect in found["effects"]]
+
+
+def test_the_last_gap_of_each_table_of_the_report_is_the_final_one(diagnosed):
+    """The first refit of an effect leaves more than the last model, and stands nowhere as what is left."""
+    content, final = diagnosed.content, percent(diagnosed.content["gap"]["final"])
+    lines = [line.strip("|").split("|") for line in (diagnosed.folder / "report.md").read_text().splitlines()]
+    rows = {row[0].strip().partition("<br>")[0]: [cell.strip() for cell in row] for row in lines if len(row) > 1}
+    last = content["effects"][-1]
+    assert last["gap_after"] == content["gap"]["final"]
+    assert rows["fitted"][2] == final
+    assert rows[f"`{last['name']}`"][5] == final
+    assert rows[f"+ {last['name']}"][1] == final
 
 
 NUMBER = (int, float)

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import pytest
@@ -215,6 +216,11 @@ def test_the_numbers_agree_with_each_other(case):
     assert gap.final <= gap.baseline or case.found.verdict == "unexplained"
     labels = [step.label.removeprefix("+ ") for step in steps if step.label.startswith("+")]
     assert set(labels) >= {one.name for one in found.effects}
+    names = {one.name for one in found.effects}
+    # A reader who goes down the table ends at the final gap, and meets no gap that the row above does not have.
+    assert [(one.gap_before, one.gap_after) for one in found.effects] == [
+        (before.gap, after.gap) for before, after in pairwise(steps) if after.label.removeprefix("+ ") in names
+    ]
     for one in found.effects:
         assert one.gap_after <= one.gap_before or one.name == "mesh_discretisation"
         assert 0 < one.confidence < 1

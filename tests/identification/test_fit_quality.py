@@ -3,10 +3,12 @@
 import math
 
 import pytest
+import torch
 
 import torchplate as tp
+from torchplate.discrepancy import Evidence
 from torchplate.effects import ChannelPolarity
-from torchplate.identification import fit_in_words
+from torchplate.identification import PlateState, States, fit_in_words
 
 
 @pytest.mark.parametrize("gap", [1.0, 1.12, 4.0, math.nan, math.inf])
@@ -78,3 +80,67 @@ def test_a_model_without_an_interval_is_told_the_sign_too(bench):
     (said,) = tp.identify(bench.plate(()), turned).caveats
     assert said.startswith("With the sign of all FRFs turned the gap is ")
     assert not tp.identify(bench.plate(()), frfs).caveats
+
+
+def changed(frfs, channel: int, factor: float, side: str = "response"):
+    frf = frfs.frf.clone()
+    frf.select(1 if side == "response" else 2, channel).mul_(factor)
+    return type(frfs)(**{**vars(frfs), "frf": frf})
+
+
+@pytest.mark.parametrize(
+    ("side", "channel", "named"), [("response", 1, "[[7, null]]"), ("reference", 0, "[[null, 1]]")]
+)
+@pytest.mark.parametrize("searched", [[], ["plate.youngs_modulus", "wires.stiffness"]], ids=["evaluated", "searched"])
+def test_one_channel_upside_down_is_told_and_what_turns_it(bench, side, channel, named, searched):
+    frfs = changed(bench.exact_frfs(), channel, -1.0, side)
+    search = tp.DifferentialEvolution(strategy="best/1/bin", n_member=10)
+    (said,) = [one for one in tp.identify(bench.plate(searched), frfs, search, n_generation=20).caveats if "-Z" in one]
+    label = {"response": "Response 7w", "reference": "Reference 1w"}[side]
+    assert said.startswith(f"{label} looks turned: with the other sign its gap is ")
+    assert f"channels: {named}" in said
+
+
+@pytest.mark.parametrize("gain_is_unknown", [True, False])
+@pytest.mark.parametrize("factor", [0.7, 2.0])
+def test_a_channel_with_a_gain_of_its_own_is_told_with_how_much(bench, factor, gain_is_unknown):
+    frfs = bench.exact_frfs()
+    frf = torch.cat(
+        [
+            frfs.frf,
+            bench.plate(()).frf(torch.zeros(0, dtype=torch.float64), frfs.frequency, [10], [1, 6], "accelerance"),
+        ],
+        1,
+    )
+    more = vars(frfs) | {"response": (*frfs.response, type(frfs.response[0])(10)), "frf": frf}
+    whole = type(frfs)(**more | {"measured": torch.ones(frf.shape[1:], dtype=torch.bool)})
+    model = bench.plate(["plate.youngs_modulus"])
+    search = tp.DifferentialEvolution(strategy="best/1/bin", n_member=10)
+    options = {"gain_is_unknown": gain_is_unknown, "n_generation": 20}
+    (said,) = tp.identify(model, changed(whole, 1, factor), search, **options).caveats
+    assert said.startswith("Response 7w looks as if it had a gain of its own: it reads ")
+    read = float(said.split("it reads ")[1].split(" times")[0])
+    assert read == pytest.approx(factor, rel=0.02)
+    assert not tp.identify(model, whole, search, **options).caveats
+
+
+def test_frfs_that_no_model_explains_have_no_channel_that_looks_turned(bench):
+    frfs = bench.exact_frfs()
+    other = type(frfs)(**{**vars(frfs), "frf": 1j * frfs.frf})
+    assert not tp.identify(bench.plate(()), other).caveats
+
+
+def test_a_channel_that_is_turned_in_one_state_is_told_with_the_state(bench):
+    frfs, model = bench.exact_frfs(), bench.plate(["plate.youngs_modulus"])
+    placed = type(model)(
+        model.mesh, dict(model.effects), model.known_values, model.searched, [4, 7], [1, 6], "accelerance"
+    )
+    states = States(
+        [
+            PlateState.of("before", placed, Evidence(frfs)),
+            PlateState.of("after", placed, Evidence(changed(frfs, 1, -1.0))),
+        ]
+    )
+    search = tp.DifferentialEvolution(strategy="best/1/bin", n_member=10)
+    (said,) = tp.identify(states, search=search, n_generation=20).caveats
+    assert said.startswith("State 'after': Response 7w looks turned: ")

@@ -1,5 +1,8 @@
 """What a diagnosis says of two fits of one test, before and after: gaps, the place of the misfit, curves, one word."""
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 from torch import Tensor
 
 from torchplate.diagnosis.judged import Fit
@@ -36,6 +39,25 @@ def gap_of(target: FrfTarget, before: Fit, after: Fit) -> Gap:
 def step_of(target: FrfTarget, label: str, fit: Fit) -> Step:
     """A step as it is listed."""
     return Step(label, float(target.gap(fit.prediction)), heldout_gap(target, fit), fit.reduced_misfit)
+
+
+def steps_of(target: FrfTarget, labels: Sequence[str], before: Sequence[Fit], last: Fit) -> list[Step]:
+    """A step for each effect that was added.
+
+    Args:
+        target: what all were held against.
+        labels: of the effects.
+        before: what each was added to: with all before it, fitted together.
+        last: all of them together.
+    """
+    after = [*before[1:], last][: len(labels)]
+    return [step_of(target, label, fit) for label, fit in zip(labels, after, strict=True)]
+
+
+def around(steps: Sequence[Step], n_effect: int) -> list[tuple[float, float]]:
+    """The gaps before and after each of the effects that were added last."""
+    gaps = [step.gap for step in steps[len(steps) - n_effect - 1 :]]
+    return list(pairwise(gaps))
 
 
 def heldout_gap(target: FrfTarget, fit: Fit) -> float | None:

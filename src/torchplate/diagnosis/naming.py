@@ -11,11 +11,19 @@ from torchplate.diagnosis.selection.trace import Naming, State
 from torchplate.notation import percent
 
 
-def as_named(builder: ModelBuilder, naming: Naming, last: State) -> Named:
-    """An effect as it is reported."""
+def as_named(builder: ModelBuilder, naming: Naming, last: State, gaps: tuple[float, float]) -> Named:
+    """An effect as it is reported.
+
+    Args:
+        builder: what evaluated the models.
+        naming: of the effect.
+        last: the last model.
+        gaps: of the step before it was added, and of the one after.
+    """
     final = last.fit
     hypothesis = naming.hypothesis
-    before, after = (float(builder.target.gap(one.prediction)) for one in (naming.before, hypothesis.fit))
+    before, after = gaps
+    first = float(builder.target.gap(hypothesis.fit.prediction))
     found = estimates(final, builder.top)
     prefix = f"{hypothesis.label}."
     parameters = {name.removeprefix(prefix): one for name, one in found.items() if name.startswith(prefix)}
@@ -25,11 +33,13 @@ def as_named(builder: ModelBuilder, naming: Naming, last: State) -> Named:
     if rival is not None:
         rest = float(builder.target.gap(rival.fit.prediction))
         against = f"; the next best{' in its place' if naming.again else ''}, {rival.name}, leaves {percent(rest)}"
-        against += " beside the other effects" if naming.again else ""
+        against += " beside the other effects" if naming.again else " at its first refit"
+    # What the others are held against is what it left when they were refitted too.
+    refitted = "" if percent(first) == percent(after) or naming.again else f" ({percent(first)} at its first refit)"
     alike = f"; these data cannot tell it from {' or '.join(equivalent)}" if equivalent else ""
     text = (
         f"{hypothesis.name} ({_values(parameters, hypothesis)}) takes the gap from {percent(before)} to "
-        f"{percent(after)}{against}{alike}{_chance(naming)}."
+        f"{percent(after)}{refitted}{against}{alike}{_chance(naming)}."
     )
     return Named(
         name=hypothesis.name,

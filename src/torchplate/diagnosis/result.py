@@ -55,8 +55,8 @@ class Named:
         confidence: probability that the name, or one of its equivalents, is right.
         parameters: what was found for each of its parameters.
         evidence: one sentence: where it shows, and why the others do not explain it.
-        gap_before: of the fitted FRFs without it.
-        gap_after: with it.
+        gap_before: of the fitted FRFs without it and those after it.
+        gap_after: with it, all fitted together; that of the last one is the final gap.
     """
 
     name: str
@@ -116,7 +116,7 @@ class Step:
 
     Attributes:
         label: "baseline", or what was done: "+ point_mass", "- sensor_gain".
-        gap: on the fitted FRFs.
+        gap: on the fitted FRFs, of all that is in the model by then, fitted together.
         heldout: on the others.
         misfit: mean square of the residuals over their noise; 1 where nothing but noise is left.
     """

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import torch
 
-from torchplate.diagnosis.before_and_after import gap_of, location_of, overlay_of, step_of, verdict_of
+from torchplate.diagnosis.before_and_after import around, gap_of, location_of, overlay_of, step_of, steps_of, verdict_of
 from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.doubts import doubts_of
 from torchplate.diagnosis.estimates import estimates
@@ -40,7 +40,9 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
     verdict = verdict_of(bool(final.named), explained)
     finer = _finer_mesh(seen)
     first = _first(seen, bool(finer))
-    effects = tuple(as_named(builder, one, final) for one in final.named)
+    steps = _steps(seen, bool(finer))
+    gaps = around(steps, len(final.named))
+    effects = tuple(as_named(builder, one, final, gap) for one, gap in zip(final.named, gaps, strict=True))
     sets = [(one.name, *one.equivalent) for one in effects]
     unexplained = verdict in ("unexplained", "partly_explained")
     n_frf = len(builder.target.measurement.pairs)
@@ -53,7 +55,7 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
         gap=gap_of(builder.target, first, final.fit),
         location=location_of(builder.target, baseline.fit, final.fit),
         scores=tuple(_table(one, effects, builder) for one in seen.rankings),
-        steps=_steps(seen, bool(finer)),
+        steps=steps,
         missing=missing_still(builder, noise, final, verdict),
         remarks=(
             *(one.evidence for one in finer if verdict == "unexplained"),
@@ -114,12 +116,8 @@ def _steps(seen: Trace, finer: bool) -> tuple[Step, ...]:
     steps = [step_of(target, "baseline", _first(seen, finer))]
     if finer:
         steps.append(step_of(target, "+ mesh_discretisation", _on_fine_mesh(seen)))
-    fits = [naming.hypothesis.fit for naming in final.named]
-    # The last step is the last model, fitted once more where it has come to.
-    fits[-1:] = [final.fit] if fits else []
-    steps += [
-        step_of(target, f"+ {naming.hypothesis.name}", found) for naming, found in zip(final.named, fits, strict=True)
-    ]
+    labels = [f"+ {naming.hypothesis.name}" for naming in final.named]
+    steps += steps_of(target, labels, [naming.before for naming in final.named], final.fit)
     return tuple(steps)
 
 

@@ -11,6 +11,7 @@ from torchplate.discrepancy import Objective, sensitivity
 from torchplate.identification.basis_check import TOLERANCE, wanted
 from torchplate.identification.caveats import caveats, of_sign
 from torchplate.identification.job import Settings
+from torchplate.identification.odd_channels import of_channels
 from torchplate.identification.result import MODAL_MODEL, NATURAL_FREQUENCIES, Result, finite, values
 from torchplate.model import DENSE, PlateModel, SparseModel, basis_error
 from torchplate.search import LeastSquares, Optimizer, Outcome
@@ -99,7 +100,7 @@ def with_search(
     best, objective = theta[0], searched(theta)
     by_squares = isinstance(search, LeastSquares)
     seen = sensitivity(searched, best, least_squares=by_squares) if searched.model.names else None
-    sign = of_sign(searched, best) if isinstance(searched.model, PlateModel) else []
+    sign = of_channels(searched, best) or of_sign(searched, best) if isinstance(searched.model, PlateModel) else []
     result = dataclasses.replace(
         result,
         parameters=values(searched, best, seen),

@@ -14,6 +14,7 @@ from torchplate.identification.basis_check import confirmed, estimated, in_reduc
 from torchplate.identification.evaluation import compared, off_in_basis, with_search
 from torchplate.identification.identify_states import identify_states
 from torchplate.identification.job import Job, Settings
+from torchplate.identification.mesh_error import followed
 from torchplate.identification.polish import polished
 from torchplate.identification.result import Result
 from torchplate.identification.states import States
@@ -163,8 +164,10 @@ def identified(
         outcome = polished(searched, outcome, say)
     if searched is not objective:
         searched, outcome = confirmed(objective, searched, outcome, say)
+    objective, searched, outcome, off = followed(objective, searched, outcome, settings, say)
     theta = model.space.to_si(outcome.best_position[outcome.best_objective.argsort()])
-    return Identified(_result(objective, searched, theta, outcome, search, settings), searched, outcome)
+    result = _result(objective, searched, theta, outcome, search, settings)
+    return Identified(dataclasses.replace(result, mesh_error_moved=off), searched, outcome)
 
 
 def _result(

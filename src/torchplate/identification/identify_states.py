@@ -11,8 +11,11 @@ from torch import Tensor
 
 from torchplate.discrepancy import Objective
 from torchplate.identification.basis_check import in_reduced_basis
+from torchplate.identification.caveats import of_sign
 from torchplate.identification.evaluation import compared, off_in_basis, with_search
 from torchplate.identification.job import Job, Settings
+from torchplate.identification.mesh_error import followed_in_states
+from torchplate.identification.odd_channels import of_channels
 from torchplate.identification.polish import polished
 from torchplate.identification.result import Result
 from torchplate.identification.states import States
@@ -74,8 +77,11 @@ def identify_states(
     outcome = run(Job(searched, optimizer, settings))
     if settings.polish and not isinstance(optimizer, LeastSquares):
         outcome = polished(searched, outcome, say)
+    states, searched, outcome, off = followed_in_states(states, searched, outcome, settings, say)
     theta = states.model.space.to_si(outcome.best_position[outcome.best_objective.argsort()])
-    return _found(states, searched, theta, outcome, optimizer, settings)
+    found = _found(states, searched, theta, outcome, optimizer, settings)
+    told = {name: dataclasses.replace(one, mesh_error_moved=off) for name, one in found.by_state.items()}
+    return dataclasses.replace(found, result=dataclasses.replace(found.result, mesh_error_moved=off), by_state=told)
 
 
 def _found(
@@ -94,6 +100,8 @@ def _found(
         parts[one.name] = compared(one.objective, small.objective, own, optimizer, settings)
         if small.objective is not one.objective and len(own):
             said += off_in_basis(one.objective, small.objective, own, one.name)[1]
+        odd = of_channels(small.objective, own) or of_sign(small.objective, own)
+        said += [f"State '{one.name}': {sentence}" for sentence in odd]
     first = dataclasses.replace(next(iter(parts.values())), gain=None, modes=None, status=NOT_SEARCHED)
     whole = with_search(first, searched, theta, outcome, optimizer)
     whole = dataclasses.replace(whole, caveats=whole.caveats + said)

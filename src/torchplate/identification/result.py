@@ -62,6 +62,8 @@ class Result:
             error of a natural frequency.
         modes: each mode of a measured modal model beside the model's.
         basis_error_of_population: the greatest estimated one among the best members of the last population.
+        mesh_error_moved: by how much the natural frequencies of what was found were off with the mesh error of the
+            middle of the box, relative, where it was taken off anew; None where it was not.
     """
 
     parameters: Mapping[str, Value]
@@ -83,6 +85,7 @@ class Result:
     basis_error: float | None = None
     basis_error_of_population: float | None = None
     modes: list[ModePair] | None = None
+    mesh_error_moved: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The content of `result.json`."""
@@ -115,6 +118,8 @@ class Result:
         if self.basis_error is not None:
             content["basis_error"] = self.basis_error
             content["basis_error_of_population"] = self.basis_error_of_population
+        if self.mesh_error_moved is not None:
+            content["mesh_error_moved"] = self.mesh_error_moved
         return content
 
     @property

@@ -11,7 +11,7 @@
 - `rearranged`: FRFs that an effect only exchanges or turns.
 - `gradient`: their derivatives, exact where natural frequencies repeat too; `impedance`, `loewner`: below them.
 - `fine_mesh`: one member in sparse matrices, where dense ones would be too large.
-- `extrapolation`: the mesh error taken off, from a mesh twice as fine.
+- `extrapolation`: the mesh error taken off, from a mesh twice as fine; `retaken`: off another plate of the box.
 - `reduced_basis`: a small basis for the whole box of the searched parameters.
 - `error_estimate`: how wrong it is, measured or estimated, member by member.
 - `modal_sum`: the sum over modes for many lines at once; `attach`: springs, dashpots and masses attached to it.
@@ -42,6 +42,7 @@ from torchplate.model.parameter_space import ParameterSpace
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.plate_variants import SINGLE_TOLERANCE
 from torchplate.model.reduced_basis import reduce, ritz_basis, shares_basis, sharing_modes
+from torchplate.model.retaken import retaken
 from torchplate.model.usual_ranges import Span, coarse, impossible, plate_mass, sizes, unusual
 from torchplate.model.would_fit import SectionNumbers, section_numbers
 
@@ -82,6 +83,7 @@ __all__ = [
     "plate_mass",
     "reciprocal",
     "reduce",
+    "retaken",
     "ritz_basis",
     "section_numbers",
     "sensor_chain",

@@ -66,12 +66,14 @@ def extrapolate(
     """Take the mesh error off a model.
 
     Args:
-        model: the model on its mesh, in all dofs.
+        model: the model on its mesh, in all dofs; what was taken off already is put back first.
         frequency: up to where it is to be right [Hz]; left out, its first `N_MODE` modes are corrected.
         theta: the plate whose modes are corrected, in SI units; left out, the middle of the box.
         finer: of the mesh twice as fine; left out, one is made.
         margin: modes up to this multiple of the frequency are corrected [-].
     """
+    if model.assembly.correction is not None:
+        model = on_mesh(model, model.assembly.corrected(None))
     if theta is None:
         theta = model.space.to_si(torch.full((len(model.names),), 0.5).to(model.known))
     if finer is None:

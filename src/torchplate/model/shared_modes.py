@@ -244,6 +244,17 @@ def factors(assembly: Assembly, nominal: Plan, members: Plan) -> tuple[Tensor, T
     """
     if members.section.loss_factor is not None or sum(term.vector.shape[-2] for term in members.terms) > MOST_TERMS:
         return None
+    return multiples(assembly, nominal, members)
+
+
+def multiples(assembly: Assembly, nominal: Plan, members: Plan) -> tuple[Tensor, Tensor] | None:
+    """The same, whatever is attached and lost: then the bare plates have one set of modes.
+
+    Args:
+        assembly: in all dofs or in a basis.
+        nominal: one member.
+        members: a batch of them.
+    """
     found = []
     for one, many in zip(_coefficients(assembly, nominal), _coefficients(assembly, members), strict=True):
         largest = one.abs().flatten().argmax()

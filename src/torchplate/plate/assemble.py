@@ -110,8 +110,8 @@ class Assembly(nn.Module):
             torch.index_select((rows.mT @ (pattern @ rows)).flatten(1), 1, half, out=place)
         self.element_masses = (rows.mT @ (self.mass_pattern.to(rows) @ rows)).flatten(1)[:, half]
 
-    def corrected(self, correction: Correction) -> "Assembly":
-        """The same, with what the stiffness of a finer mesh would add; matrices are shared."""
+    def corrected(self, correction: Correction | None) -> "Assembly":
+        """The same, with what the stiffness of a finer mesh would add, or without it; matrices are shared."""
         twin = copy.copy(self)
         twin._buffers = dict(self._buffers)
         twin._correct(correction)

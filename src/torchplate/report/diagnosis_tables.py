@@ -56,7 +56,11 @@ def effects(diagnosis: Diagnosis) -> Table:
             )
         )
     head = ("effect", "cannot be told from", "confidence>", "found, ± standard error", "gap before>", "gap after>")
-    return Table("Effects that were missing, in the order in which they were found.", head, rows)
+    caption = (
+        "Effects that were missing, in the order in which they were found. Gaps are of the model with all effects up "
+        "to there, fitted together; the last is that of the last model."
+    )
+    return Table(caption, head, rows)
 
 
 def _in_metres(effect: Named, diagnosis: Diagnosis) -> list[str]:
@@ -78,8 +82,8 @@ def steps(diagnosis: Diagnosis) -> Iterator[Block]:
         for step in diagnosis.steps
     ]
     caption = (
-        "The gap after each step. Misfit: mean square of the residuals over their noise; 1 where nothing but noise is "
-        "left."
+        "The gap after each step, of all that is in the model by then, fitted together. Misfit: mean square of the "
+        "residuals over their noise; 1 where nothing but noise is left."
     )
     yield Table(caption, ("step", "gap, fitted>", *(["gap, held out>"] if heldout else []), "misfit>"), rows)
 

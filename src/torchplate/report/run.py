@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from torchplate.discrepancy import Objective
-from torchplate.identification import CORRELATED, Result
+from torchplate.identification import CORRELATED, Result, retaken_told
 from torchplate.measurement import Placement
 from torchplate.model import PlateModel
 from torchplate.notation import percent
@@ -149,6 +149,8 @@ def _blocks(
         yield Listing([f"**Note**: {caveat}" for caveat in result.caveats])
     reached = f"Objective `{result.objective_kind}`: **{result.objective:.6g}**, gap **{percent(result.gap)}**."
     yield Paragraph(f"{reached} {result.status}")
+    if result.mesh_error_moved is not None:
+        yield Paragraph(retaken_told(result.mesh_error_moved))
     if result.gain is not None:
         yield Paragraph(f"Level of the measurement, fitted: {result.gain:.6g} (reading over SI unit).")
     if result.parameters:

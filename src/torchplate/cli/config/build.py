@@ -38,6 +38,9 @@ class Run(Measured):
     def model(self, refine: int = 1) -> PlateModel:
         """The model it describes, with the measurement's responses, references and kind where there is one.
 
+        Its mesh error, where that is to be taken off, is that of the middle of the box: `identified` takes it off anew
+        where a search ends at another kind of plate.
+
         Args:
             refine: split each element of the config's mesh once more, in refine × refine.
         """

@@ -3,16 +3,15 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from torchplate.diagnosis.before_and_after import gap_of, location_of, overlay_of, step_of, verdict_of
+from torchplate.diagnosis.before_and_after import around, gap_of, location_of, overlay_of, step_of, steps_of, verdict_of
 from torchplate.diagnosis.change.changes import Change
-from torchplate.diagnosis.change.comparison import Chosen, Comparing, Promise, State
+from torchplate.diagnosis.change.comparison import Comparing, Promise, State
 from torchplate.diagnosis.change.posterior import Choice
 from torchplate.diagnosis.estimates import estimates
 from torchplate.diagnosis.naming import remark_on
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Named, Scored, Verdict
 from torchplate.diagnosis.selection.criterion import is_explained
-from torchplate.diagnosis.target import FrfTarget
 from torchplate.measurement import Noise
 from torchplate.model import PlateModel
 from torchplate.notation import percent
@@ -43,9 +42,12 @@ def summarise(
     target = builder.target
     found = estimates(last.fit, builder.top)
     told = {change.label for change in last.changes}
+    labels = [f"+ {change.name}" for change in last.changes]
+    steps = [step_of(target, "nothing changed", none.fit)]
+    steps += steps_of(target, labels, [before for _, _, before in last.choices], last.fit)
     effects = tuple(
-        _named(change, step[0], _gaps(target, step, change), found)
-        for change, step in zip(last.changes, last.choices, strict=True)
+        _named(change, choice, gaps, found)
+        for change, (choice, _, _), gaps in zip(last.changes, last.choices, around(steps, len(labels)), strict=True)
     )
     explained = is_explained(last.fit, target)
     verdict = verdict_of(bool(effects), explained)
@@ -57,9 +59,6 @@ def summarise(
     } | found
     sets = [(one.name, *one.equivalent) for one in effects]
     gap = gap_of(target, none.fit, last.fit)
-    steps = [step_of(target, "nothing changed", none.fit)]
-    for change, (_, fits, _before) in zip(last.changes, last.choices, strict=True):
-        steps.append(step_of(target, f"+ {change.name}", fits[change.key]))
     return Diagnosis(
         verdict=verdict,
         effects=effects,
@@ -141,12 +140,6 @@ def beside_others(choice: Choice, data: str) -> str:
     )
     alike = f"; these {data} cannot tell it from {' or '.join(choice.equivalent)}" if choice.equivalent else ""
     return f"{against}{alike}"
-
-
-def _gaps(target: FrfTarget, step: Chosen, change: Change) -> tuple[float, float]:
-    """Before a change was added, and after."""
-    _, fits, before = step
-    return float(target.gap(before.prediction)), float(target.gap(fits[change.key].prediction))
 
 
 def unit_of(model: PlateModel, name: str) -> str:
