@@ -170,6 +170,7 @@ def test_an_override_may_add_a_section_that_the_file_leaves_out(bench):
     assert found.result["objective_kind"] == "log_amplitude"
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_config_of_numbers_only_is_evaluated(bench):
     found = bench.run()
     result = json.loads((found.folder / "result.json").read_text())
@@ -417,6 +418,7 @@ def mesh(edges):
     return {"length_x": 0.41, "length_y": 0.29, "n_x": 3, "n_y": 2, "edges": edges}
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_run_on_any_device_finds_the_truth_and_goes_on(bench, make_config, truth, device):
     path = bench.write(make_config(["plate.youngs_modulus"], {"search.basis": "auto", "search.polish": True}))
     for n_generation in (3, 15):

@@ -88,7 +88,10 @@ BENT = {"wires.stiffness": 2100.0, "wires.viscous_damping": 3.0, "loss.stiffness
 BETWEEN = {"response": [(0.37, 0.61), (0.93, 0.18)], "reference": [(0.11, 0.84), (0.52, 0.43)]}
 
 
-@pytest.mark.parametrize("sides", [(0.51, 0.33), (0.42, 0.42)], ids=["rectangle", "square"])
+@pytest.mark.parametrize(
+    "sides",
+    [pytest.param((0.51, 0.33), id="rectangle"), pytest.param((0.42, 0.42), id="square", marks=pytest.mark.check)],
+)
 def test_frfs_between_the_nodes_come_near_those_of_a_much_finer_mesh(plates, relative_error, sides):
     mesh = Mesh(*sides, 10, 8)
     lines = torch.linspace(20.0, 3.2 * plates.first_bending(mesh), 13, dtype=torch.float64)
