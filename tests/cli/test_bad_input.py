@@ -390,3 +390,11 @@ class TestADeadChannel:
         )
         assert status == 0
         assert "Left out 3 of 6 FRFs" in stdout
+
+
+def test_a_config_of_many_megabytes_is_not_read(bench, make_config, command):
+    path = bench.write("# " + "c" * 9_000_000 + "\n" + json.dumps(make_config()))
+    status, _, stderr = command("run", path, "--out", bench.folder / "out")
+    assert (status, stderr.count("\n")) == (2, 1)
+    for words in ("plate.yaml", "8 MB at most", "got 9 MB", "files of their own"):
+        assert words in stderr
