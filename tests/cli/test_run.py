@@ -222,6 +222,17 @@ def test_a_row_beyond_the_checkpoint_is_written_once(bench):
     assert float(rows(bench.folder / "out")[3]["best_objective"]) != 1.5
 
 
+@pytest.mark.parametrize("kept", [0, 20])
+def test_a_search_that_had_ended_is_reported_without_a_curve_where_its_rows_are_gone(bench, kept):
+    whole = bench.run(["plate.youngs_modulus"], overrides=["search.n_generation=2"])
+    (whole.folder / "report.md").unlink()
+    history = whole.folder / "history.csv"
+    history.write_text(history.read_text()[:kept])
+    again = bench.run(["plate.youngs_modulus"], overrides=["search.n_generation=2"], resume=True)
+    assert again.result == whole.result
+    assert (again.folder / "report.md").is_file()
+
+
 def test_resume_without_out_takes_the_latest_folder(bench, monkeypatch, command):
     monkeypatch.chdir(bench.folder)
     for name, n_generation in (("2020-01-01_00-00-00", 1), ("2021-01-01_00-00-00", 2)):
