@@ -108,6 +108,7 @@ def threads_after(**set_by_the_user: str) -> str:
     return told.stdout.splitlines()[-1]
 
 
+@pytest.mark.check
 def test_threads_of_a_command_sleep_while_they_wait_and_torch_keeps_all_of_its_own():
     given = subprocess.run(
         [sys.executable, "-c", THREADS.replace("main(['effects'])", "")],

@@ -219,6 +219,7 @@ def test_a_projection_keeps_the_correction(plates, relative_error):
     basis = ritz_basis(better, NOTHING[None], lines, 0, 3.0)
     projected = better.projected(basis)
     assert projected.assembly.size < better.assembly.size // 2
+    assert set(projected.state_dict()) == set(model.state_dict())
     # What the basis leaves is far below what the correction changes.
     assert relative_error(projected.frf(NOTHING, lines), better.frf(NOTHING, lines)) < 1e-4
     assert relative_error(projected.frf(NOTHING, lines), model.frf(NOTHING, lines)) > 1e-2
