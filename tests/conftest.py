@@ -15,6 +15,9 @@ import torch
 
 NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="this machine has no CUDA device")
 
+# Whether a file outlives a power cut no test can see, and a busy disk lets each wait for it.
+os.fsync = lambda _: None  # type: ignore[assignment]
+
 # Shapes and types are checked at so many first calls of each function in each test: to check thousands of calls that
 # are alike takes half of the time of all tests. `make check` checks every call.
 FIRST_CALLS = int(os.environ.get("CHECKED_CALLS", "1"))

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
@@ -17,6 +18,7 @@ from torchplate.cli.main import main
 from torchplate.cli.results.found import Found
 from torchplate.cli.verbs.run import run
 from torchplate.measurement import SI_UNIT, Channel, Measurement
+from torchplate.report import run as run_report
 
 # What the plate is, and the intervals it lies in.
 TRUTH: dict[str, Any] = {
@@ -52,6 +54,9 @@ BASE: dict[str, Any] = {
     },
     "log": {"n_figure": 0},
 }
+# As `make check` asks: see tests/conftest.py.
+EVERY_CALL = "CHECKED_CALLS" in os.environ
+PICTURES = run_report._pictures
 PNG = b"\x89PNG\r\n\x1a\n"
 RESPONSE, REFERENCE = (4, 7), (1, 6, 10)
 
@@ -140,16 +145,24 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 @pytest.fixture
 def bench(measured: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    """An empty bench with the true plate's measurement; its runs make their figures and do not render them.
+    """An empty bench with the true plate's measurement; its runs make no figures; `make check` makes them, unrendered.
 
-    Rendering takes most of the time of a run as small as these; `finished` renders, and monkeypatch.undo() brings it
-    back.
+    Figures take most of the time of a run as small as these; with `drawn` they are made, `finished` makes and renders
+    its own, and monkeypatch.undo() brings both back.
     """
+    if not EVERY_CALL:
+        monkeypatch.setattr("torchplate.report.run._pictures", lambda *_: ({}, {}))
     monkeypatch.setattr("torchplate.report.run.png", lambda *_: PNG)
     monkeypatch.setattr("torchplate.report.page._picture", lambda _: "")
     for name, content in measured.items():
         (tmp_path / name).write_bytes(content)
     return Bench(tmp_path)
+
+
+@pytest.fixture
+def drawn(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The runs of the bench make their figures, and do not render them."""
+    monkeypatch.setattr("torchplate.report.run._pictures", PICTURES)
 
 
 @pytest.fixture(scope="session")

@@ -25,6 +25,7 @@ print(pages())
 PAGES = 5 * 2**20 * 8 // 4096
 
 
+@pytest.mark.check
 @pytest.mark.skipif(sys.platform != "linux", reason="only the GNU C library is told")
 def test_the_system_is_not_asked_for_the_pages_of_each_tensor():
     told = subprocess.run([sys.executable, "-c", WORK], capture_output=True, check=True).stdout

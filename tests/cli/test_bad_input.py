@@ -164,7 +164,10 @@ def assert_refused(outcome: tuple[int, str, str], *words: str) -> None:
     assert "Error" not in stderr
 
 
-@pytest.mark.parametrize("case", BAD_CONFIGS)
+# Every third; `make check` tries them all.
+@pytest.mark.parametrize(
+    "case", [one if k % 3 == 0 else pytest.param(one, marks=pytest.mark.check) for k, one in enumerate(BAD_CONFIGS)]
+)
 def test_a_bad_config_is_refused_in_one_sentence(bench, make_config, command, case):
     changes, words = BAD_CONFIGS[case]
     (bench.folder / "text.uff").write_text("no universal file\n")
@@ -390,3 +393,11 @@ class TestADeadChannel:
         )
         assert status == 0
         assert "Left out 3 of 6 FRFs" in stdout
+
+
+def test_a_config_of_many_megabytes_is_not_read(bench, make_config, command):
+    path = bench.write("# " + "c" * 9_000_000 + "\n" + json.dumps(make_config()))
+    status, _, stderr = command("run", path, "--out", bench.folder / "out")
+    assert (status, stderr.count("\n")) == (2, 1)
+    for words in ("plate.yaml", "8 MB at most", "got 9 MB", "files of their own"):
+        assert words in stderr

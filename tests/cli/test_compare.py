@@ -50,10 +50,15 @@ def runs(bench, kept):
 
 
 @pytest.fixture
-def seeds(runs, monkeypatch):
-    """Two seeds of one DE, two repeats of the same in one run, and a DE with another weight."""
+def unrendered(monkeypatch):
+    """Rendering takes most of the time of a comparison."""
     for kind in ("png", "pdf"):
         monkeypatch.setattr(f"torchplate.report.comparison.{kind}", lambda *_: b"")
+
+
+@pytest.fixture
+def seeds(runs, unrendered):
+    """Two seeds of one DE, two repeats of the same in one run, and a DE with another weight."""
     shutil.rmtree(runs / "abc")
     return [runs / name for name in ("a", "b", "c", "d")]
 
@@ -78,6 +83,7 @@ def test_de_and_abc_are_laid_over_each_other(two, tmp_path):
     assert (tmp_path / "compared" / "comparison.png").stat().st_size > 5000
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_the_comparison_goes_into_the_folder_above_the_runs(two, command):
     status, out, _ = command("compare", *two)
     assert status == 0
@@ -195,9 +201,8 @@ def test_searches_in_another_interval_are_a_line_of_their_own(seeds, bench, tmp_
     assert any("plate.youngs_modulus in [190000000000.0, 220000000000.0]" in name for name in groups)
 
 
-def test_comparisons_of_plates_in_folders_of_their_own_go_beside_their_runs(bench, monkeypatch):
-    for kind in ("png", "pdf"):
-        monkeypatch.setattr(f"torchplate.report.comparison.{kind}", lambda *_: b"")
+@pytest.mark.usefixtures("unrendered")
+def test_comparisons_of_plates_in_folders_of_their_own_go_beside_their_runs(bench):
     for refine, home in ((1, "coarse"), (2, "fine")):
         bench.run(["plate.youngs_modulus"], {"search.n_generation": 1, "mesh.refine": refine}, f"runs/{home}/de")
     said([bench.folder / "runs"])
@@ -205,6 +210,7 @@ def test_comparisons_of_plates_in_folders_of_their_own_go_beside_their_runs(benc
     assert (bench.folder / "runs" / "fine" / "comparison.csv").is_file()
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_no_name_is_broken_on_a_screen_of_80_letters(bench, tmp_path):
     names = ["plate.youngs_modulus", "wires.stiffness", "wires.viscous_damping", "loss.stiffness_loss_factor"]
     bench.run(names, {"search.n_generation": 2}, "de")

@@ -71,6 +71,7 @@ def diagnosed(tmp_path_factory, make_config) -> SimpleNamespace:
         # does the diagnosis of a dead channel in `make check`.
         patch.setattr("torchplate.report.diagnosis.png", lambda _: b"\x89PNG\r\n\x1a\n")
         patch.setattr("torchplate.report.page.svg", lambda *_: "")
+        patch.setattr("torchplate.cli.progress.log.log_figures", lambda _: {})
         found = diagnose(path, out, ["search.seed=3", "measurement.band=[20.0, 290.0]"], console=console)
     content = json.loads((out / "diagnosis.json").read_text())
     return SimpleNamespace(found=found, content=content, folder=out, path=path, shown=console.file.getvalue())

@@ -110,14 +110,19 @@ class TestAFileWhereAFolderIsNeeded:
         ("verb", "given", "out"),
         [
             ("run", ["plate.yaml"], "notes"),
-            ("run", ["plate.yaml"], "notes/out"),
-            ("diagnose", ["plate.yaml"], "notes/out"),
             ("simulate", ["truth.yaml"], "notes/plate.uff"),
-            ("inspect", ["plate.npz"], "notes"),
-            ("modes", ["plate.npz", *NODES], "notes/modes.csv"),
-            ("new", ["plate.npz", *NODES, *STEEL], "notes/a.yaml"),
-            ("new", ["plate.npz", *NODES, *STEEL, "--force"], "folder.yaml"),
-            ("bench", ["--part", "air"], "notes"),
+            *(
+                pytest.param(*case, marks=pytest.mark.check)
+                for case in (
+                    ("run", ["plate.yaml"], "notes/out"),
+                    ("diagnose", ["plate.yaml"], "notes/out"),
+                    ("inspect", ["plate.npz"], "notes"),
+                    ("modes", ["plate.npz", *NODES], "notes/modes.csv"),
+                    ("new", ["plate.npz", *NODES, *STEEL], "notes/a.yaml"),
+                    ("new", ["plate.npz", *NODES, *STEEL, "--force"], "folder.yaml"),
+                    ("bench", ["--part", "air"], "notes"),
+                )
+            ),
         ],
     )
     def test_is_said(self, bench, make_config, command, monkeypatch, verb, given, out):
@@ -135,6 +140,7 @@ class TestAFileWhereAFolderIsNeeded:
         said_in_one_sentence(command(verb, *given, "--out", out), out.partition("/")[0])
         assert Path("notes").read_text() == "kept"
 
+    @pytest.mark.check
     def test_is_said_of_a_comparison(self, bench, command):
         bench.run(ONE, {"search.n_generation": 1})
         (bench.folder / "notes").write_text("kept")

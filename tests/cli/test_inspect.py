@@ -1,7 +1,9 @@
 """The report says what the file holds and what looks wrong, and the figure is written where it says."""
 
+import os
 import re
 import shlex
+import signal
 from dataclasses import replace
 from io import StringIO
 
@@ -216,6 +218,24 @@ def test_the_command_that_is_proposed_runs_as_printed(
     status, _, error = command(*shlex.split(line)[2:])
     assert (status, error) == (0, "")
     assert f"kind: {kind}" in (tmp_path / "my plate.yaml").read_text()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+@pytest.mark.parametrize("name", ["plate.npz", "plate.uff", "plate.csv", "plate.wav"])
+def test_a_pipe_that_nobody_writes_into_is_not_waited_for(tmp_path, command, name):
+    def late(*_: object) -> None:
+        pytest.fail("it waits")
+
+    os.mkfifo(tmp_path / name)
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(10)
+    try:
+        status, _, stderr = command("inspect", tmp_path / name, "--out", tmp_path)
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+    assert (status, stderr.count("\n")) == (2, 1)
+    assert name in stderr
 
 
 def test_time_records_of_other_formats_are_described(tmp_path):

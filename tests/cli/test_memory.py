@@ -31,6 +31,7 @@ def test_a_mesh_that_does_not_fit_is_told_its_memory_and_the_finest_that_fits(
     status, _, stderr = command(verb, path, "--out", out)
     assert status == 2
     assert stderr.count("\n") == 1
+    assert ",." not in stderr
     assert f"mesh: Expected a mesh that fits the 6 GB of memory that are free, got {n} × {n} elements" in stderr
     told = float(re.search(r"about ([\d.e+]+) GB", stderr)[1])
     assert told > needed

@@ -170,6 +170,7 @@ def test_an_override_may_add_a_section_that_the_file_leaves_out(bench):
     assert found.result["objective_kind"] == "log_amplitude"
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_config_of_numbers_only_is_evaluated(bench):
     found = bench.run()
     result = json.loads((found.folder / "result.json").read_text())
@@ -219,6 +220,17 @@ def test_a_row_beyond_the_checkpoint_is_written_once(bench):
     bench.run(searched, overrides=["search.n_generation=4"], resume=True)
     assert [int(row["generation"]) for row in rows(bench.folder / "out")] == [0, 1, 2, 3, 4]
     assert float(rows(bench.folder / "out")[3]["best_objective"]) != 1.5
+
+
+@pytest.mark.parametrize("kept", [0, 20])
+def test_a_search_that_had_ended_is_reported_without_a_curve_where_its_rows_are_gone(bench, kept):
+    whole = bench.run(["plate.youngs_modulus"], overrides=["search.n_generation=2"])
+    (whole.folder / "report.md").unlink()
+    history = whole.folder / "history.csv"
+    history.write_text(history.read_text()[:kept])
+    again = bench.run(["plate.youngs_modulus"], overrides=["search.n_generation=2"], resume=True)
+    assert again.result == whole.result
+    assert (again.folder / "report.md").is_file()
 
 
 def test_resume_without_out_takes_the_latest_folder(bench, monkeypatch, command):
@@ -417,6 +429,7 @@ def mesh(edges):
     return {"length_x": 0.41, "length_y": 0.29, "n_x": 3, "n_y": 2, "edges": edges}
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_run_on_any_device_finds_the_truth_and_goes_on(bench, make_config, truth, device):
     path = bench.write(make_config(["plate.youngs_modulus"], {"search.basis": "auto", "search.polish": True}))
     for n_generation in (3, 15):

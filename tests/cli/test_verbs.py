@@ -108,6 +108,7 @@ def threads_after(**set_by_the_user: str) -> str:
     return told.stdout.splitlines()[-1]
 
 
+@pytest.mark.check
 def test_threads_of_a_command_sleep_while_they_wait_and_torch_keeps_all_of_its_own():
     given = subprocess.run(
         [sys.executable, "-c", THREADS.replace("main(['effects'])", "")],
@@ -119,5 +120,6 @@ def test_threads_of_a_command_sleep_while_they_wait_and_torch_keeps_all_of_its_o
     assert threads_after() == f"['1', 'PASSIVE'] {given}"
 
 
+@pytest.mark.check
 def test_threads_that_the_user_has_set_stay():
     assert threads_after(OMP_NUM_THREADS="1", OMP_WAIT_POLICY="ACTIVE") == "[None, 'ACTIVE'] 1"

@@ -484,7 +484,7 @@ def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeyp
 
 
 @torch.no_grad()
-@pytest.mark.parametrize("promised", [0.0, 6.0, 8.0])
+@pytest.mark.parametrize("promised", [pytest.param(0.0, marks=pytest.mark.check), 6.0, 8.0])
 def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(lab, monkeypatch, promised):
     scene = lab.Scene()
     selection = ForwardSelection(scene.builder, {}, lambda _: None)

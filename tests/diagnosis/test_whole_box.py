@@ -69,7 +69,7 @@ def grid(mass: float, scatter: float, n: int = 40) -> tuple[torch.Tensor, torch.
     return places, torch.cat([problem.cost(some) for some in places.split(4096)])
 
 
-@pytest.mark.parametrize(("mass", "scatter"), [(0.02, 4e-3), (0.15, 4e-3)])
+@pytest.mark.parametrize(("mass", "scatter"), [pytest.param(0.02, 4e-3, marks=pytest.mark.check), (0.15, 4e-3)])
 def test_a_mass_counts_for_what_its_likelihood_holds_over_the_whole_plate(mass, scatter):
     """20 g that hardly show may be anywhere; 150 g are on a bent valley of place and size, four times over."""
     with torch.no_grad():

@@ -117,7 +117,9 @@ def test_a_grain_turns_the_damping_that_each_mode_has_of_its_own():
         assert off(columns[..., index], 0.01 * (above - below) / (2 * step)) < DIFFERENCED
 
 
-@pytest.mark.parametrize("viscous", [0.0, 1e-6, 1e-5])
+@pytest.mark.parametrize(
+    "viscous", [pytest.param(0.0, marks=pytest.mark.check), 1e-6, pytest.param(1e-5, marks=pytest.mark.check)]
+)
 def test_a_lossy_patch_couples_the_modes_that_a_grain_changes(viscous):
     """Modes beside one another give each other what the patch loses: without that columns are a quarter wrong."""
     told, step = Imperfections(0.0, 0.0, 0.0, 0.0), 1e-4

@@ -1,4 +1,7 @@
-"""One example for each effect of the catalogue: fixed options, and values away from neutral that a test can see."""
+"""One example for each effect of the catalogue: fixed options, and values away from neutral that a test can see.
+
+And the plate on which the catalogue's tests try them.
+"""
 
 from typing import Any, NamedTuple
 
@@ -14,8 +17,20 @@ class Example(NamedTuple):
     value: dict[str, float]
 
 
-# Where the models that try the examples have supports; their responses are node 3 and (0.6, 0.7), a reference node 8.
+# The plate that the examples are tried on, where its supports are, and where it is read and hit.
+BARE = {
+    "plate.youngs_modulus": 69e9,
+    "plate.poisson_ratio": 0.31,
+    "plate.density": 2710.0,
+    "plate.thickness": 0.0031,
+    "wires.stiffness": 4e3,
+    "loss.stiffness_loss_factor": 0.004,
+    # Some effects change what only a plate with a grain has.
+    "grain.young_ratio": 0.6,
+    "grain.shear_factor": 1.2,
+}
 WIRES = ((0.21, 0.0), (0.66, 0.94))
+RESPONSE, REFERENCE = [3, (0.6, 0.7)], [8, (0.71, 0.64)]
 
 EXAMPLES = {
     "absorber": Example({}, {"x": 0.61, "y": 0.28, "mass": 0.05, "stiffness": 2.3e4, "viscous_damping": 1.7}),

@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from tests.effects.conftest import BARE, REFERENCE, RESPONSE, WIRES
 
 from torchplate.effects import (
     CATALOGUE,
@@ -23,21 +24,7 @@ from torchplate.model import PlateModel, Searched, reduce
 from torchplate.plate import Mesh
 
 MESHES = {"rectangle": Mesh(0.52, 0.37, 5, 4), "square": Mesh(0.43, 0.43, 5, 5, edges={"x0": "simply_supported"})}
-BARE = {
-    "plate.youngs_modulus": 69e9,
-    "plate.poisson_ratio": 0.31,
-    "plate.density": 2710.0,
-    "plate.thickness": 0.0031,
-    "wires.stiffness": 4e3,
-    "loss.stiffness_loss_factor": 0.004,
-    # Some effects change what only a plate with a grain has.
-    "grain.young_ratio": 0.6,
-    "grain.shear_factor": 1.2,
-}
 PLATE = ("plate.youngs_modulus", "plate.density")
-# The places that the examples speak of: see tests/effects/conftest.py.
-WIRES = ((0.21, 0.0), (0.66, 0.94))
-RESPONSE, REFERENCE = [3, (0.6, 0.7)], [8, (0.71, 0.64)]
 LINES = torch.linspace(20.0, 420.0, 61, dtype=torch.float64)
 THETA = torch.zeros(0, dtype=torch.float64)
 
@@ -151,7 +138,13 @@ def test_any_batch_shape_and_vmap_give_the_same_members(effect, example, mesh):
         assert _distance(found, together) < 1e-8  # between the modal sum and the direct solve
 
 
-@pytest.mark.parametrize("alone", [True, False], ids=["the effect alone", "beside the plate"])
+@pytest.mark.parametrize(
+    "alone",
+    [
+        pytest.param(True, id="the effect alone", marks=pytest.mark.check),
+        pytest.param(False, id="beside the plate"),
+    ],
+)
 def test_the_reduced_basis_holds_where_it_is_offered(effect, example, mesh, alone):
     plate = {} if alone or effect is Plate else {name: (0.9 * BARE[name], 1.1 * BARE[name]) for name in PLATE}
     model = _model(effect, example.options, example.value, _searched(effect, example, 0.05), mesh, plate)

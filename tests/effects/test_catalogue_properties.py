@@ -15,6 +15,7 @@ import pytest
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.effects.conftest import BARE, REFERENCE, RESPONSE, WIRES
 
 from torchplate.effects import CATALOGUE, Effect, HystereticDamping, Orthotropy, Plate, SupportSpring
 from torchplate.effects.parameter import PLATE_SCALE, Parameter
@@ -35,19 +36,6 @@ THETA = torch.zeros(0, dtype=torch.float64)
 SAME = 1e-8
 # The mesh whose labels the examples speak of.
 CELLS = (5, 4)
-BARE = {
-    "plate.youngs_modulus": 69e9,
-    "plate.poisson_ratio": 0.31,
-    "plate.density": 2710.0,
-    "plate.thickness": 0.0031,
-    "wires.stiffness": 4e3,
-    "loss.stiffness_loss_factor": 0.004,
-    # Some effects change what only a plate with a grain has.
-    "grain.young_ratio": 0.6,
-    "grain.shear_factor": 1.2,
-}
-WIRES = ((0.21, 0.0), (0.66, 0.94))
-RESPONSE, REFERENCE = [3, (0.6, 0.7)], [8, (0.71, 0.64)]
 POINTS = [(0.13, 0.2), (0.55, 0.91), (0.8, 0.37)]
 
 

@@ -73,6 +73,7 @@ def test_a_key_goes_before_the_list_and_the_list_before_zero():
     [
         ({"kind": "colour"}, "one of stiffness, mass, loss, support"),
         ({"n_x": 1}, "two nodes a side"),
+        ({"n_x": 1000, "n_y": 101}, "100000 nodes at most"),
         ({"n_x": 2, "n_y": 3, "values": (0.1,) * 5}, "Expected 6 field.values"),
     ],
 )

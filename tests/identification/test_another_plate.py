@@ -143,16 +143,16 @@ def test_nothing_is_said_where_not_all_natural_frequencies_go_together():
     assert said(sides, frfs, wrong, extra=edge, searched=box) == ()
 
 
-def test_nothing_is_said_of_a_test_that_no_plate_is_near_to():
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.check) for seed in range(1, 6))])
+def test_nothing_is_said_of_a_test_that_no_plate_is_near_to(seed):
     """Peaks at random: some stretch is always the best one."""
     sides, frfs = SIDES["rectangle"], hit(SIDES["rectangle"], STEEL)
-    for seed in range(6):
-        generator = torch.Generator().manual_seed(seed)
-        centre = 30.0 * (480.0 / 30.0) ** torch.rand(9, generator=generator, dtype=torch.float64)
-        residue = torch.randn(9, 3, generator=generator, dtype=torch.float64)
-        line = frfs.frequency[:, None].square()
-        frf = (line * (1 / (centre.square() * (1 + 0.01j) - line))) @ residue.to(torch.complex128)
-        other = Measurement(
-            frfs.frequency, frf[:, None], frfs.measured, frfs.response, frfs.reference, "accelerance", frfs.unit
-        )
-        assert said(sides, other, STEEL, gain_is_unknown=True) == ()
+    generator = torch.Generator().manual_seed(seed)
+    centre = 30.0 * (480.0 / 30.0) ** torch.rand(9, generator=generator, dtype=torch.float64)
+    residue = torch.randn(9, 3, generator=generator, dtype=torch.float64)
+    line = frfs.frequency[:, None].square()
+    frf = (line * (1 / (centre.square() * (1 + 0.01j) - line))) @ residue.to(torch.complex128)
+    other = Measurement(
+        frfs.frequency, frf[:, None], frfs.measured, frfs.response, frfs.reference, "accelerance", frfs.unit
+    )
+    assert said(sides, other, STEEL, gain_is_unknown=True) == ()

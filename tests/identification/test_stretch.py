@@ -7,6 +7,7 @@ import torch
 
 from torchplate.effects import HystereticDamping, Orthotropy, Plate, Searched, SupportSpring
 from torchplate.identification import stretched
+from torchplate.identification.stretch import _variance_apart
 from torchplate.measurement import SI_UNIT, Channel, Measurement, peaks, place
 from torchplate.model import PlateModel
 from torchplate.plate import Mesh
@@ -86,3 +87,16 @@ def test_pairs_that_were_not_measured_or_are_dead_are_left_out():
     found = stretched(models(sides, {}), theta, one, place(one, *sides, 4, 4))
     assert math.isfinite(float(found.left[0]))
     assert float(found.factor[0]) == pytest.approx(4.3, rel=0.02)
+
+
+@pytest.mark.parametrize(("n_grid", "n_line", "n_pair"), [(50, 300, 3), (61, 67, 1), (9, 9, 4)])
+def test_what_is_left_wherever_the_test_is_laid_on_a_model_is_the_variance_there(n_grid, n_line, n_pair):
+    generator = torch.Generator().manual_seed(5)
+    measured = 40 * torch.randn(n_grid, n_pair, generator=generator, dtype=torch.float64) + 90
+    level = 30 * torch.randn(n_line, n_pair, generator=generator, dtype=torch.float64) - 200
+    # One pair has a force on a nodal line of all modes.
+    level[:, 0] -= 6000
+    apart = measured.mT - level.unfold(0, n_grid, 1)
+    expected = apart.flatten(1).var(1, correction=0)
+    # Rounding of squares of 6000 dB beside the 50 dB that are left of one pair.
+    torch.testing.assert_close(_variance_apart(measured, level), expected, rtol=1e-11, atol=0)

@@ -99,6 +99,7 @@ def test_the_sides_tell_the_unit(unit):
         (np.vstack([grid(), [[0.2, 0.1, 0.15]]]), None, "in one plane"),
         ([(0.1, 0.05, 0), (0.2, 0.05, 0), (0.3, 0.05, 0)], None, "Give --length"),
         ([(0.1, 0.05, float("nan"))], None, "NaN"),
+        ([*grid(), (1e308, 0.05, 0.0)], None, "more than 1e\\+100"),
     ],
 )
 def test_points_that_make_no_plate_are_refused(points, sides, words):

@@ -89,6 +89,8 @@ def test_step_is_the_spacing_where_it_is_even(make_measurement):
     [
         (lambda m: {"frequency": m.frequency.flip(0)}, "rises"),
         (lambda m: {"frequency": m.frequency - 30.0}, "starts at 0"),
+        (lambda m: {"frequency": torch.cat([m.frequency[:-1], m.frequency[-1:] * 1e300])}, "a line at 1.5e+302 Hz"),
+        (lambda m: {"frequency": m.frequency * 1e78}, "nothing vibrates"),
         (lambda m: {"frequency": m.frequency[:-1]}, "column"),
         (lambda m: {"response": m.response[:1]}, "column"),
         (lambda m: {"coherence": m.frf.real[1:]}, "coherence of shape"),

@@ -53,3 +53,15 @@ def test_where_frequencies_repeat_derivatives_stay_finite():
     assert float(frequency[7] / frequency[6] - 1) < 1e-6  # modes 7 and 8 of a square plate
     slope = torch.func.jacfwd(lambda u: modes_at(model, model.space.to_si(u), PLACE, 9).shape)(bare)
     assert bool(slope.isfinite().all())
+
+
+@pytest.mark.filterwarnings("ignore:`torch.jit.script`:DeprecationWarning")
+def test_shapes_of_a_pair_that_all_but_agrees_have_a_slope_that_is_blunted():
+    """They turn into each other at once: one over what parts them is no derivative that a step could follow."""
+    model = plate(0.41 * (1 + 1e-8))
+    bare = torch.tensor([0.5, 0.0], dtype=torch.float64)
+    frequency = modes_at(model, model.space.to_si(bare), PLACE, 9).frequency
+    assert 1e-10 < float(frequency[7] / frequency[6] - 1) < 1e-7
+    slope = torch.func.jacfwd(lambda u: modes_at(model, model.space.to_si(u), PLACE, 9).shape)(bare)
+    # A mass m turns a pair by ½ m φ² / w, with m 0.2 kg, φ² of 16 / 4 kg at most and w = 1e-5; the place moves by 2 φ.
+    assert 1.0 < float(slope[SIX].abs().max()) < 2 * 0.5 * 0.2 * 4 * 2 / 1e-5

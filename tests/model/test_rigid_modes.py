@@ -1,6 +1,7 @@
 """Motions without strain: exactly zero on a free plate, and never taken from a support, however soft."""
 
 import math
+import re
 
 import pytest
 import torch
@@ -110,3 +111,24 @@ def test_what_loses_by_strain_damps_no_motion_without_strain(plates, name: str) 
     assert own[:3].tolist() == [3.7, 3.7, 3.7]
     elastic = modes.eigenvalue[3:6]
     torch.testing.assert_close(own[3:6], 0.01 * elastic + 3.7 + 0.8 * elastic.sqrt(), rtol=1e-9, atol=0)
+
+
+@SHAPES
+def test_a_dashpot_damps_each_mode_by_what_moves_there(plates, name: str) -> None:
+    places = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]
+    mesh, known = MESHES[name], {"wires.stiffness": 900.0, "wires.viscous_damping": 1.7}
+    model = plates.build(mesh, known | {"loss.mass_loss_factor": 3.7}, wires=places)
+    system, modes = model.system(plates.nothing), model.modes(plates.nothing)
+    omega = modes.eigenvalue.sqrt()
+    impedance = modal_impedance(system, Modes(modes.eigenvalue, modes.shape), 1j * omega[:2])
+    own = own_damping(impedance, system.force)
+    there = mesh.deflection_at(mesh.places(places)) @ modes.shape
+    torch.testing.assert_close(own[:5], 3.7 + (1.7 * omega * there.square().sum(0))[:5], rtol=1e-9, atol=0)
+
+
+def test_what_is_too_stiff_for_the_plate_s_digits_is_told_by_its_rigidity(plates) -> None:
+    young, poisson, _ = plates.metals["aluminium"]
+    most = 1e9 * young * 0.003**3 / (12 * (1 - poisson**2)) / (0.7 * 0.4)
+    with pytest.raises(ValueError, match=re.escape(f"to be at most {most:.2g} [N/m]")):
+        plates.build(MESHES["rectangle"], {"wires.stiffness": 1.01 * most}, wires=[(0.0, 0.0)])
+    plates.build(MESHES["rectangle"], {"wires.stiffness": 0.99 * most}, wires=[(0.0, 0.0)])

@@ -2,6 +2,7 @@
 
 import html
 import importlib.util
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,8 @@ assert _spec.loader is not None
 samples = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(samples)
 CASES, NAMED, PNG, SCORES = samples.CASES, samples.NAMED, samples.PNG, samples.SCORES
-RENDERED = ("explained", "single")
+# Rendering takes most of the time: `make check` renders two; tests/report/test_page.py draws one.
+RENDERED = ("explained", "single") if "CHECKED_CALLS" in os.environ else ()
 diagnosis, write_diagnosis, Page = samples.diagnosis, samples.write_diagnosis, samples.Page
 
 
@@ -41,7 +43,6 @@ def written(tmp_path_factory) -> dict[str, samples.Written]:
         cases[name] = samples.Written(make(), folder / name)
         with pytest.MonkeyPatch.context() as patch:
             if name not in RENDERED:
-                # Rendering takes most of the time.
                 patch.setattr("torchplate.report.diagnosis.png", lambda _: PNG)
                 patch.setattr("torchplate.report.page.svg", lambda *_: "")
             write_diagnosis(name, cases[name].found, cases[name].folder, "torchplate diagnose plate.yaml")

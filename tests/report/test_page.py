@@ -80,6 +80,7 @@ class TestTextStaysText:
         # The figure alone is a picture.
         assert re.findall(r"(?<!\\)\]\((.*?)\)", text) == ["one.png"]
 
+    @pytest.mark.check
     def test_a_unit_and_a_label_from_a_file_are_drawn_as_they_are(self, tmp_path):
         found = samples.diagnosis((4,), (1,), n_line=12)
         measured = replace(found.overlay.measured, unit="<b> $\\frac{ $")

@@ -66,6 +66,7 @@ def test_the_wav_files_hold_the_plate_s_own_frfs(tmp_path):
     assert torch.isfinite(found.coherence[band]).all()
 
 
+@pytest.mark.check
 def test_a_step_that_fails_ends_its_chair_and_is_told(tmp_path):
     said = StringIO()
     chair = chairs.Chair("nobody", lambda *_: True, (("inspect", "nowhere.uff"), ("run", "plate.yaml")))

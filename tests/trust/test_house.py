@@ -10,6 +10,7 @@ house = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(house)
 
 
+@pytest.mark.check
 def test_seconds_of_the_processor_are_counted_and_those_of_waiting_are_not():
     assert house.seconds(["-c", "import time; time.sleep(1.5)"]) < 1.0
     busy = "import time\nwhile time.process_time() < 1.2: pass"

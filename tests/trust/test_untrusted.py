@@ -1,6 +1,7 @@
 """What comes from a file stays text, no file runs code, and nothing listens."""
 
 import ast
+import functools
 import re
 from html.parser import HTMLParser
 from io import StringIO
@@ -44,14 +45,18 @@ BENCHMARK = {
 }
 
 
+@functools.cache
+def nodes() -> list[tuple[str, ast.AST]]:
+    """Every node of the package's code, and the file it is in."""
+    paths = sorted(SOURCE.rglob("*.py"))
+    trees = {path.relative_to(SOURCE).as_posix(): ast.parse(path.read_text()) for path in paths}
+    return [(file, node) for file, tree in trees.items() for node in ast.walk(tree)]
+
+
+@functools.cache
 def calls() -> list[tuple[str, str, ast.Call]]:
     """Every call in the package: file, what is called, the call."""
-    found = []
-    for path in sorted(SOURCE.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Call):
-                found.append((path.relative_to(SOURCE).as_posix(), ast.unparse(node.func), node))
-    return found
+    return [(file, ast.unparse(node.func), node) for file, node in nodes() if isinstance(node, ast.Call)]
 
 
 def test_no_file_is_read_by_a_call_that_may_run_it():
@@ -69,11 +74,10 @@ def test_no_file_is_read_by_a_call_that_may_run_it():
 
 
 def test_nothing_is_pickled_and_nothing_listens():
-    for path in sorted(SOURCE.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            names = [one.name for one in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert not set(names) & set(MODULES), f"{path}: {names}"
+    for file, node in nodes():
+        names = [one.name for one in node.names] if isinstance(node, ast.Import) else []
+        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+        assert not set(names) & set(MODULES), f"{file}: {names}"
     for file, name, _ in calls():
         assert not LISTENS.search(name), f"{file}: {name}"
 

@@ -106,6 +106,10 @@ def _writers_are_quiet() -> Iterator[None]:
 
 def _main(given: list[str]) -> int:
     """Run one verb; what it cannot use is said."""
+    if (odd := next((word for word in given if "\0" in word or not _is_utf8(word)), None)) is not None:
+        shown = odd.encode(errors="surrogateescape").decode(errors="replace").replace("\0", "\N{REPLACEMENT CHARACTER}")
+        print(f"{shown}: Expected a name in UTF-8, got other bytes where � stands. Rename it.", file=sys.stderr)
+        return 2
     # The others need not be asked what they take.
     verb = next((word for word in given if not word.startswith("-")), "")
     whole = parser(verb)
@@ -150,6 +154,15 @@ def _main(given: list[str]) -> int:
         print(error, file=sys.stderr)
         return 1
     return 0
+
+
+def _is_utf8(word: str) -> bool:
+    """Whether a word of the command line can be written to a file; a name of a file may hold any bytes."""
+    try:
+        word.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _not_taken(left: Sequence[str], parsed: argparse.Namespace) -> str:

@@ -20,6 +20,8 @@ MEANINGS = {
     "support": ("N/m", "stiffness of a spring to the ground there", Interval()),
 }
 KINDS = tuple(MEANINGS)
+MOST_NODES = 100_000
+"""Of a grid [-]: a config holds no more values, and each node is one."""
 
 
 def _parameter(kind: str, value: float = 0.0) -> Parameter:
@@ -67,6 +69,10 @@ class Field(Effect):
                 f"Expected a grid of two nodes a side at least, got field.n_x {self.n_x}, n_y {self.n_y}. Raise them."
             )
         count = self.n_x * self.n_y
+        if count > MOST_NODES:
+            raise ValueError(
+                f"Expected a grid of {MOST_NODES} nodes at most, got field.n_x {self.n_x}, n_y {self.n_y}. Lower them."
+            )
         if len(self.values) not in (0, count):
             raise ValueError(
                 f"Expected {count} field.values, one for each node of the {self.n_x} × {self.n_y} grid, got "

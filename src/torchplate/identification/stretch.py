@@ -108,11 +108,11 @@ def stretched(
         pole = (begin * hertz).square() * complex(1, LOSS)
         frf = (1 / (pole - lines.square()[:, None])) @ parts.to(pole.dtype)
         level = 20 * frf.abs().clamp(min=1e-300).log10() + 20 * POWER[cut.kind] * lines.log10()[:, None]
-        apart = measured.mT - level.unfold(0, len(grid), 1)
-        variance = (apart - apart.mean((1, 2), keepdim=True)).square().mean((1, 2))
+        variance = _variance_apart(measured, level)
         variances.append(variance / max(total, 1e-300))
         factors.append(begin * (STEP * (shift - torch.arange(len(variance), dtype=torch.float64))).exp())
-        levels.append(float(apart[int(variance.argmin())].median()))
+        nearest = int(variance.argmin())
+        levels.append(float((measured - level[nearest : nearest + len(grid)]).median()))
     tried, left_by = torch.stack(factors), torch.stack(variances)
     best = left_by.argmin(-1, keepdim=True)
     # Poles are in Hz² and the lines of a kind in Hz to its power, where the FRFs have rad/s.
@@ -125,6 +125,25 @@ def stretched(
         tried=tried,
         left_by=left_by,
     )
+
+
+def _variance_apart(
+    measured: Float[Tensor, "n_grid n_pair"], level: Float[Tensor, "n_line n_pair"]
+) -> Float[Tensor, " n_tried"]:
+    """Variance of `measured` − `level` over all lines and pairs, wherever the former fits into the latter.
+
+    Its squares are written out: those of each are sums over a window that moves on, their products a correlation. Both
+    are taken from their means, so that squares of levels do not hide those of what parts them.
+    """
+    n_grid, n_line = len(measured), len(level)
+    moved, other = measured - measured.mean(), level - level.mean()
+    product = torch.fft.irfft(
+        (torch.fft.rfft(other, dim=0) * torch.fft.rfft(moved, n=n_line, dim=0).conj()).sum(1), n=n_line
+    )
+    sums = torch.nn.functional.pad(torch.stack([other.sum(1), other.square().sum(1)]).cumsum(1), (1, 0))
+    first, second = sums[:, n_grid:] - sums[:, :-n_grid]
+    square = moved.square().sum() - 2 * product[: len(first)] + second
+    return (square / moved.numel() - (first / moved.numel()).square()).clamp(min=0)
 
 
 def coarse_cells(length_x: float, length_y: float) -> tuple[int, int]:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from torchplate.measurement.frame import METRES, Frame
-from torchplate.measurement.measurement import MeasurementError
+from torchplate.measurement.measurement import MOST, MeasurementError
 from torchplate.notation import percent
 
 SLACK: Final = 0.01
@@ -75,9 +75,12 @@ def propose(
         MeasurementError: The points lie in no plane, or are too few to tell a side that is not given, or do not fit
             on the plate.
     """
+    # Which NaN is not.
+    if not (np.abs(points) < MOST).all():
+        raise MeasurementError(
+            f"{source}: expected finite coordinates, got NaN or infinity, or more than {MOST:g}. Correct the nodes."
+        )
     cloud = np.unique(np.round(points, 12), axis=0)
-    if not np.isfinite(cloud).all():
-        raise MeasurementError(f"{source}: expected finite coordinates, got NaN or infinity. Correct the nodes.")
     base, flat = _plane(cloud, normal, source)
     angle = _angle(cloud @ base[:2].T)
     turn = np.array([[math.cos(angle), math.sin(angle), 0], [-math.sin(angle), math.cos(angle), 0], [0, 0, 1]])

@@ -24,6 +24,8 @@ SI_UNIT: Final[dict[Kind, str]] = {
 
 LEAST, MOST = 1e-100, 1e100
 """Levels beyond these are no measurement, and their squares no numbers."""
+HIGHEST: Final = 1e14
+"""No line lies above [Hz]: atoms of a solid vibrate at 1e13 Hz, and nothing above."""
 
 
 class MeasurementError(ValueError):
@@ -123,6 +125,12 @@ class Measurement:
                 "a frequency axis [Hz] that starts at 0 or above and rises from line to line",
                 "one that does not",
                 "Sort the lines and drop repeated ones",
+            )
+        if (last := float(self.frequency[-1])) > HIGHEST:
+            raise self._error(
+                f"a frequency axis [Hz] that ends by {HIGHEST:g} Hz, where nothing vibrates any more",
+                f"a line at {last:g} Hz",
+                "Correct the axis, or drop that line",
             )
         if self.kind not in KINDS:
             raise self._error(f"a kind out of {', '.join(KINDS)}", f"{self.kind!r}", "Name one of these")

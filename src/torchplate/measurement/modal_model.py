@@ -151,6 +151,8 @@ class ModalModel:
 
 def is_modal_table(path: Path) -> bool:
     """Whether a file begins as a table of modes does; its cells may still be wrong."""
+    if not path.is_file():  # a pipe that nobody writes into would be waited for
+        return False
     try:
         first = next((line for line in lines_of(path) if line.strip() and not line.startswith("#")), "")
     except OSError:

@@ -17,6 +17,8 @@ from torchplate.nearest import did_you_mean, nearest
 
 MOST, DEEPEST = 100_000, 40
 """Values in a config, and levels of them; far more than anyone writes."""
+LARGEST = 80 * MOST
+"""Bytes of a config: a line of 80 letters for each of so many values."""
 
 
 class InputError(ValueError):
@@ -49,6 +51,11 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, An
         near = nearest(path.name, [other.name for other in path.parent.glob("*.yaml")])
         guess = f" Did you mean {path.parent / near}?" if near else ""
         raise InputError(f"{path}: Expected a config file, found none.{guess} Give the path of a YAML file.")
+    if (size := path.stat().st_size) > LARGEST:
+        raise InputError(
+            f"{path}: Expected a config of {LARGEST / 1e6:g} MB at most, got {size / 1e6:.3g} MB. Take out what is no "
+            "key of a config: measurements have files of their own."
+        )
     try:
         text = path.read_text(encoding="utf-8")
         node = yaml.compose(text, yaml.SafeLoader)

@@ -54,7 +54,7 @@ def complaint(settings: MeshConfig, refine: int = 1, finer: int = 1) -> str | No
     if memory is None or need <= max(memory, LEAST):
         return None
     best = finest((finer * cells[0], finer * cells[1]), memory)
-    beside = "" if finer == 1 else f", with the {finer} times finer mesh that tells its error,"
+    beside = "" if finer == 1 else f" with the {finer} times finer mesh that tells its error"
     return (
         f"Expected a mesh that fits the {memory / 1e9:.3g} GB of memory that are free, got {cells[0]} × {cells[1]} "
         f"elements, which take about {need / 1e9:.3g} GB{beside}. The finest that fits has about "

@@ -13,7 +13,7 @@ from rich.markup import escape
 from torchplate.cli.config.build import Run
 from torchplate.cli.config.searches import SEARCHES
 from torchplate.cli.folder.writing import write_files, write_text
-from torchplate.cli.progress.log import RunLog
+from torchplate.cli.progress.log import RunLog, read_history
 from torchplate.cli.results.gathered import histories
 from torchplate.cli.results.table import plain_table
 from torchplate.discrepancy import Objective
@@ -50,7 +50,8 @@ def written(recipe: Run, end: Identified, folder: Path, console: Console) -> Fou
         end.searched,
         end.result,
         recipe.config.log.n_panel,
-        None if end.outcome is None else histories([folder]),
+        # Of a search that had ended, and whose rows someone took away, there is no curve.
+        None if end.outcome is None or not read_history(folder) else histories([folder]),
         None if measurement is None else recipe.placement(measurement),
         f"torchplate run {shlex.quote(str(recipe.path))}",
     )

@@ -121,6 +121,8 @@ def _next(contents: Contents, path: Path, console: Console) -> None:
 
 def _holds_frfs(path: Path) -> bool:
     """Whether an archive says it holds FRFs; one that cannot be opened is left to the reader of FRFs to refuse."""
+    if not path.is_file():  # a pipe that nobody writes into would be waited for
+        return True
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {"frf", "response", "reference"} <= {*archive.files}
