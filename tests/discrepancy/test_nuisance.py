@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.discrepancy import Specimens
+from torchplate.discrepancy import OfChannels, Specimens
 from torchplate.discrepancy.modal_change import _multiples
 from torchplate.discrepancy.nuisance import Nuisances, matrix_columns, nuisances
 from torchplate.discrepancy.wandering import UNIFORM, Wandering
@@ -222,6 +222,43 @@ def test_what_a_sensor_weighs_moves_with_it(axis):
     assert float(wanted[:, 0].norm()) > 0.01 * float(wanted[:, 1].norm())
     assert float(columns.by_response[:, 1, :, axis].abs().max()) == 0
     assert float(columns.by_response[:, 0, :, axis].abs().max()) > 0
+
+
+@pytest.mark.parametrize("swapped", [[(3, None), (17, None)], [(None, 7), (None, 21)]], ids=["sensors", "hits"])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_places_of_exchanged_channels_are_those_where_they_are_read(axis, swapped):
+    """What is put into a model in the end is what the columns say; one of the sensors weighs something, too."""
+    bare = plate()
+    mark = bare.mesh.places([RESPONSE[1]])[0]
+    effects = bare.effects | {
+        "sensor": CATALOGUE["point_mass"](),
+        "cables": CATALOGUE["channel_swap"](channels=swapped),
+    }
+    own = {"sensor.x": float(mark[0]), "sensor.y": float(mark[1]), "sensor.mass": 0.03}
+    model = PlateModel(bare.mesh, effects, KNOWN | own, {}, RESPONSE, REFERENCE, "accelerance")
+    std, step = 2e-3, 5e-3
+    told = Imperfections(std, 0.0, 0.0, 0.0)
+    columns = as_complex(nuisances(model, NOBODY, LINES, told, UNIFORM, torch.zeros_like(LINES)))
+    specimens = Specimens(model, NOBODY, UNIFORM, place=std)
+    for side, n in (("response", 2), ("reference", 3)):
+        for index in range(n):
+            here = {name: torch.zeros(count, 2).to(NOBODY) for name, count in (("response", 2), ("reference", 3))}
+            here[side][index, axis] = step
+            nothing, names = [torch.zeros_like(one) for one in here.values()], ("x", "y")
+            above, below = (
+                specimens.at(NOBODY, OfChannels(*(sign * one for one in here.values()), *nothing, names, names)).frf(
+                    NOBODY, LINES
+                )
+                for sign in (1, -1)
+            )
+            wanted, along = (above - below) / (2 * step), torch.zeros_like(above)
+            if side == "reference":
+                along[:, :, index] = columns.by_reference[:, :, index, axis]
+            elif index in columns.carried:
+                along = columns.common[..., columns.carried[index] + axis]
+            else:
+                along[:, index] = columns.by_response[:, index, :, axis]
+            assert off(along, wanted) < 2 * DIFFERENCED, (side, index)
 
 
 def test_wires_off_their_marks_change_what_wires_elsewhere_do():

@@ -31,7 +31,7 @@ from torchplate.discrepancy.modal_change import (
     to_references,
 )
 from torchplate.discrepancy.second_order import SecondOrder
-from torchplate.discrepancy.specimen import Found, Specimens
+from torchplate.discrepancy.specimen import Found, Specimens, where_read
 from torchplate.discrepancy.wandering import Elements, Wandering, terms
 from torchplate.effects import SensorChain
 from torchplate.measurement import Imperfections
@@ -164,7 +164,9 @@ def nuisances(
     of_response: list[str] = ["x", "y"] if far > 0 else []
     of_reference: list[str] = ["x", "y"] if far > 0 and reference is not None else []
     carried: dict[int, int] = {}
-    weighs = _carried(model, modal, chain, theta) if far > 0 else {}
+    # Under which label the response is read that carries it.
+    label = model.read_from()[0].argsort().tolist()
+    weighs = {label[at]: change for at, change in _carried(model, modal, chain, theta).items()} if far > 0 else {}
     for side, order in zip(sides, ((1, 0), (0, 1)), strict=True) if far > 0 else ():
         rows = model.assembly.rows(model.mesh.deflection_at(chain.response, *order)) @ modal.shape
         of_row = to_reading(far / side * to_references(modal, rows))
@@ -398,6 +400,8 @@ def _places_again(
     E ν⁴ = 3 for a curvature ½ w,xx ν², E ν²μ² = 1 for products of two. Of places that were found, what is left of ν.
     """
     left = (None, None) if about is None or about.channels is None else about.channels.places_left()
+    if left[0] is not None:
+        left = where_read(model, left[0], left[1])
 
     def rows(place: Tensor, of_side: Tensor | None, order: tuple[int, int]) -> Tensor:
         size = off[0] ** order[0] * off[1] ** order[1]

@@ -223,7 +223,26 @@ class Specimens:
         response, reference = (None, None) if channels is None else channels.places()
         if response is None:
             return found
+        response, reference = where_read(self.uniform, response, reference)
         return found.with_places_off(response * self.place, None if reference is None else reference * self.place)
+
+
+def where_read(model: PlateModel, response: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:
+    """What channels have of their own, in the order of the places that they are read from and not of their labels.
+
+    Args:
+        model: whose channels they are; two of them may be exchanged.
+        response: of each response's label.
+        reference: likewise; None where there are none.
+    """
+    from_response, from_reference = model.read_from()
+    there = torch.empty_like(response)
+    there[from_response] = response
+    if reference is None:
+        return there, None
+    other = torch.empty_like(reference)
+    other[from_reference] = reference
+    return there, other
 
 
 def as_it_is_meant(model: PlateModel) -> PlateModel:

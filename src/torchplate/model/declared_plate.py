@@ -195,6 +195,26 @@ class DeclaredPlate(nn.Module):
         """Labels of the point masses that are a sensor's own, and which of the model's own responses that is."""
         return carried_masses(self.effects, self.known_values, self._points(None, None, None)[0])
 
+    def read_from(self) -> tuple[Tensor, Tensor]:
+        """Which of the model's own responses and references is read under each label: others where two are exchanged.
+
+        Where single FRFs are exchanged, and not all of a channel, each is taken for its own.
+        """
+        response, reference, _ = self._points(None, None, None)
+        chain = sensor_chain(laplace_lines(self.known.new_ones(1), 0.0), response, reference)
+        for effect in self.effects.values():
+            if not effect.parameters and "sensor chain" in effect.acts_on:
+                chain = effect.observe(self.mesh, chain, {}, self._nominal())
+        n_response, n_reference = chain.factor.shape[-2:]
+        own = torch.arange(n_response, device=self.known.device), torch.arange(n_reference, device=self.known.device)
+        if chain.reading is None:
+            return own
+        row, column = chain.reading // n_reference, chain.reading % n_reference
+        return (
+            row[:, 0] if bool((row == row[:, :1]).all()) else own[0],
+            column[0] if bool((column == column[:1]).all()) else own[1],
+        )
+
     def _points(
         self, response: Points | None, reference: Points | None, kind: str | None
     ) -> tuple[Tensor, Tensor | None, str]:
