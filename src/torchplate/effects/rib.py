@@ -1,5 +1,6 @@
 """A stiffener along a line: a bead, a brace, a strip that was glued or welded on."""
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -92,7 +93,14 @@ class Rib(Effect):
 
 def most_pieces(mesh: Mesh) -> int:
     """Pieces of the longest rib that the plate has room for."""
+    return _most_pieces((mesh.length_x, mesh.length_y), mesh.cells)
+
+
+@functools.lru_cache(maxsize=64)
+def _most_pieces(sides: tuple[float, float], cells: tuple[int, int]) -> int:
+    """The same of a plate of these sides [m], for each member that asks."""
     share = torch.linspace(0, 1, 41, dtype=torch.float64)
-    way = torch.cartesian_prod(share, share)[1:] * torch.tensor([mesh.length_x, mesh.length_y]).double()
-    side = torch.tensor([mesh.length_x / mesh.cells[0], mesh.length_y / mesh.cells[1]]).double()
+    whole = torch.tensor(sides, dtype=torch.float64)
+    way = torch.cartesian_prod(share, share)[1:] * whole
+    side = whole / torch.tensor(cells, dtype=torch.float64)
     return math.ceil(float((way.square().sum(-1) / (way * side).norm(dim=-1)).max()) - 1e-9)
