@@ -259,5 +259,8 @@ def test_a_number_that_was_said_to_be_known_may_be_what_is_wrong():
     assert "aspect_ratio" not in names(candidates(beside, theta, CHANNELS))
     told = [one for one in candidates(beside, theta, CHANNELS, told=["sides.ratio"]) if one.name == "aspect_ratio"]
     assert [set(one.searched) for one in told] == [{"ratio"}]
+    # Somebody has measured it.
+    assert [one.overrules for one in told] == [True]
+    assert not any(one.overrules for one in candidates(beside, theta, CHANNELS))
     # Beside what it was said to be known to.
     assert told[0].searched["ratio"].low < 0.95

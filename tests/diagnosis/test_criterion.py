@@ -101,6 +101,21 @@ def test_twins_share_the_posterior_and_are_all_in_the_set():
         assert found.confidence == pytest.approx(1 - SETTINGS.beyond)
 
 
+def test_a_number_that_was_measured_is_wrong_once_in_twenty_times():
+    """FRFs part none of the three: the one that somebody measured is not in the set, unless it alone explains them."""
+    assert SETTINGS.slip == 1 / 20
+    density, thickness, gain = (hypothesis(name, 200.0) for name in ("density", "thickness", "sensor_gain"))
+    thickness = replace(thickness, candidate=replace(thickness.candidate, overrules=True))
+    found = choose([thickness, density, gain], fitted(FAR))
+    assert {found.best.name, *found.equivalent} == {"density", "sensor_gain"}
+    probable = dict(found.probability)
+    assert probable["thickness"] == pytest.approx(probable["density"] / 20)
+    # It costs what one in twenty costs, and no more.
+    price = 2 * math.log(20) / WEIGHT
+    assert choose([thickness, hypothesis("density", 200.0 + 1.1 * price)], fitted(FAR)).best is thickness
+    assert choose([thickness, hypothesis("density", 200.0 + 0.9 * price)], fitted(FAR)).best is not thickness
+
+
 def test_the_set_is_the_smallest_that_holds_the_credible_probability():
     # Of two, the second is in the set where its odds are above 5 to 95.
     edge = 2 * math.log(SETTINGS.credible / (1 - SETTINGS.credible)) / WEIGHT

@@ -54,6 +54,7 @@ class Candidate:
         replaces: label of the effect that it stands for; empty where it comes beside all others.
         widened: the model's own parameters that mean something else beside it: their intervals without and with it.
         detail: its parameters that are looked for once it was found, and where; until then they are neutral.
+        overrules: whether it stands for a number that was told with its standard deviation.
     """
 
     effect: Effect
@@ -65,6 +66,7 @@ class Candidate:
     replaces: str = ""
     widened: Mapping[str, tuple[Searched, Searched]] = field(default_factory=dict)
     detail: Mapping[str, Searched] = field(default_factory=dict)
+    overrules: bool = False
 
     @property
     def name(self) -> str:

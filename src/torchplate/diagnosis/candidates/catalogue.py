@@ -81,8 +81,11 @@ def candidates(
                 for key, own in effect.parameters.items()
                 if own.detail
             }
+            overrules = any(_own_numbers(model, effect, key) & {*told} for key in free)
             found.append(
-                Candidate(effect, chosen, searched, neutral, tuple(far), tuple(near), replaces, widened, detail)
+                Candidate(
+                    effect, chosen, searched, neutral, tuple(far), tuple(near), replaces, widened, detail, overrules
+                )
             )
     return found
 
@@ -128,16 +131,16 @@ def _choices(
 
 def _already_searched(model: PlateModel, effect: Effect, key: str, told: Collection[str]) -> bool:
     """Whether the model searches the same parameter of the same effect; two of them could not be told apart."""
+    return bool(_own_numbers(model, effect, key) - {*told})
+
+
+def _own_numbers(model: PlateModel, effect: Effect, key: str) -> set[str]:
+    """Searched numbers of the model that are what a parameter of this effect is."""
     if "x" in effect.parameters:
-        return False
+        return set()
     plate = next(label for label, own in model.effects.items() if own.name == "plate")
-    own_number = f"{plate}.{effect.name}"
-    if own_number in model.names and own_number not in told:
-        return True
-    return any(
-        type(own) is type(effect) and own == effect and f"{label}.{key}" in model.names and f"{label}.{key}" not in told
-        for label, own in model.effects.items()
-    )
+    same = {f"{label}.{key}" for label, own in model.effects.items() if type(own) is type(effect) and own == effect}
+    return {f"{plate}.{effect.name}", *same} & {*model.names}
 
 
 def support_of(model: PlateModel, chosen: Mapping[str, Any]) -> str:

@@ -95,7 +95,9 @@ class Hypothesis:
         """−2 ln of its prior probability, and of the coincidence."""
         settings = self.fit.comparison
         share = settings.missing * (1 - settings.beyond) / len(nameable()) / max(1, self.n_option)
-        return -2 * math.log(share) + self.coincidence
+        # Who gives a standard deviation has measured.
+        slip = settings.slip if self.candidate.overrules else 1.0
+        return -2 * math.log(share * slip) + self.coincidence
 
     @property
     def cost(self) -> float:

@@ -11,6 +11,8 @@ class Comparison:
         missing: prior probability that anything is missing [-]: nobody knows beforehand.
         beyond: of what is missing, the part that no effect of the catalogue describes [-]: one in fifty of the faults
             that a test engineer meets, so that no name is ever surer than that.
+        slip: prior probability that a number which was told with its standard deviation is off by far more [-]: records
+            hold one to ten gross errors in a hundred numbers (Hampel et al., Robust Statistics, 1986, section 1.2).
         misspecified: relative entropy per number by which the model of noise and nuisances may be wrong [-]. A variance
             that is off by 2 % costs 0.02²/4 of it. So no test counts more than 10,000 independent numbers (Miller and
             Dunson, Robust Bayesian inference via coarsening, J. American Statistical Association 114, 2019, 1113).
@@ -29,6 +31,7 @@ class Comparison:
 
     missing: float = 0.5
     beyond: float = 0.02
+    slip: float = 0.05
     misspecified: float = 1e-4
     credible: float = 0.95
     faint: float = 0.01
