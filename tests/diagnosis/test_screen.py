@@ -203,7 +203,7 @@ def test_exchanged_channels_score_what_solving_again_would_give(lab, near, monke
 def test_freeing_one_or_another_of_two_numbers_that_are_told_promises_the_same(lab):
     """Beside a modulus that is searched, a thickness and a density that were told are one number: the mass.
 
-    Each change is undone by the fitted parameters but for a few parts in a hundred thousand, which are the promise.
+    Each change is undone by the fitted parameters but for a small part of it, which is the promise.
     """
     gain, std = 0.97, {"plate.density": 30.0, "plate.thickness": 1.5e-5}
     box = {name: Searched(KNOWN[name] - 5 * one, KNOWN[name] + 5 * one, logarithmic=True) for name, one in std.items()}
