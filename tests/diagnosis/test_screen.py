@@ -10,6 +10,7 @@ from torchplate.diagnosis.candidates.channels import Channels, rearrangements
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Problem
+from torchplate.diagnosis.selection.products import Product, Products
 from torchplate.diagnosis.selection.screen import screen, twins
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
@@ -225,3 +226,25 @@ def test_freeing_one_or_another_of_two_numbers_that_are_told_promises_the_same(l
         start = found[name].model.as_dict(found[name].model.space.to_si(found[name].starts[0]))
         assert start[f"{name}_1.value"] == pytest.approx(KNOWN[f"plate.{name}"] / gain, rel=1e-3)
         assert start[f"plate.{name}"] == pytest.approx(KNOWN[f"plate.{name}"], rel=1e-3)
+
+
+@torch.no_grad()
+def test_what_is_left_of_a_change_of_the_whole_plate_is_not_a_difference_of_squares(lab, monkeypatch):
+    """Beside nuisances that hide nearly all of a change, that difference is rounding: here it is twice what it is."""
+    scene = lab.Scene()
+    base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    some, own = [scene.candidate("density"), scene.candidate("time_delay")], Products.of
+
+    def promised() -> list[float]:
+        found = screen(scene.builder, base, scene.fit.theta, some, {}, near=scene.fit.marginal)
+        return [one.drop for one in found]
+
+    right = promised()
+
+    def rounded(products: Products, change: torch.Tensor) -> Product:
+        found = own(products, change)
+        return found._replace(size=2 * found.size)
+
+    monkeypatch.setattr(Products, "of", rounded)
+    assert promised() == right
+    assert right[0] > 0.1
