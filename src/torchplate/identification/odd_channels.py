@@ -87,7 +87,7 @@ def _has_gain(one: Own, level: float) -> bool:
 
 def _factors(side: str, frfs: Measurement, model: Tensor) -> list[Own]:
     """The factor of each channel of a side that was measured, by least squares over its FRFs, each over its norm."""
-    pairs, measured = frfs.measured, frfs.frf.to(model)
+    pairs, measured = frfs.measured.to(model.device), frfs.frf.to(model)
     norm = torch.where(pairs, measured.abs().square().sum(0), 1.0).clamp(min=1e-300)
     cross = torch.where(pairs, (model.conj() * measured).real.sum(0) / norm, 0.0)
     power = torch.where(pairs, model.abs().square().sum(0) / norm, 0.0)

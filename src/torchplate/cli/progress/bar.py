@@ -25,7 +25,8 @@ def shown(
     searched, checkpoint = job.objective, job.checkpoint
     model = searched.model
     if ranks is not None:
-        console.print(f"  {ranks.size} processes share each generation")
+        who = "1 process takes" if ranks.size == 1 else f"{ranks.size} processes share"
+        console.print(f"  {who} each generation")
         ranks.tell(shared)
     columns = (
         TextColumn("  {task.description}"),
