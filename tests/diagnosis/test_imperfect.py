@@ -9,6 +9,8 @@ from torchplate.diagnosis.remarks import would_take
 from torchplate.diagnosis.selection import forward
 from torchplate.diagnosis.selection.criterion import excessive, is_noise
 from torchplate.diagnosis.selection.forward import ForwardSelection
+from torchplate.diagnosis.selection.screen import screen
+from torchplate.diagnosis.selection.starts import beside_what_was_told
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT, Imperfections
@@ -37,11 +39,12 @@ BOX = {
 TOLD = Imperfections(position_std=1e-3, frequency_drift=0.0, calibration_std=0.01, damping_scatter=0.0)
 
 
-def plate(known, searched, response, reference, refine=1) -> PlateModel:
+def plate(known, searched, response, reference, refine=1, **more) -> PlateModel:
     effects = {
         "plate": CATALOGUE["plate"](),
         "loss": CATALOGUE["hysteretic_damping"](),
         "wires": CATALOGUE["support_spring"](nodes=(2, 10, 19)),
+        **more,
     }
     return PlateModel(Mesh(*SIDES, 4, 3, refine), effects, known, searched, response, reference, "accelerance")
 
@@ -112,6 +115,43 @@ def test_how_large_a_nuisance_would_have_to_be_is_said(lab):
     enough = selection_of(measured, given(), Imperfections(3e-3, 0.0, 0.0, 0.0)).baseline()
     assert excessive(enough.fit) == {}
     assert would_take(enough.fit) == ()
+
+
+@torch.no_grad()
+def softened(lab):
+    """Where a diagnosis of a plate with a large soft patch begins, its test told to be a careful one, and the truth."""
+    patch = {"weak.x": 0.7, "weak.y": 0.35, "weak.size": 0.4, "weak.factor": 0.7}
+    soft = plate(KNOWN | TRUE | patch, {}, [*RESPONSE], [*REFERENCE], 4, weak=CATALOGUE["stiffness_loss"]())
+    exact = extrapolate(soft, float(LINES[-1])).model.frf(lab.nobody, LINES)
+    noise = lab.noise_of(lab.true_std(exact, 1e-2, "mixed"), 5)
+    measured = lab.measured(LINES, exact + noise, RESPONSE, REFERENCE)
+    return selection_of(measured, given(), Imperfections()), patch
+
+
+@torch.no_grad()
+def test_candidates_are_scored_beside_the_plate_as_it_was_told(lab):
+    """Where a thickness and a modulus that wander by many times what plates have took on a soft patch."""
+    selection, _ = softened(lab)
+    baseline = selection.baseline()
+    assert {"thickness", "modulus"} <= excessive(baseline.fit).keys()
+    here = beside_what_was_told(selection.builder, selection.prior, baseline)
+    assert here.fit.about is None
+    base, everyone = selection.ranking._catalogue_beside(here)
+    promised = screen(selection.builder, base, here.fit.theta, everyone, selection.prior)
+    assert max(promised, key=lambda one: one.drop).candidate.name == "stiffness_loss"
+    # Where it is no larger than plates have, it stays what it was.
+    assert beside_what_was_told(selection.builder, selection.prior, here) is here
+
+
+@pytest.mark.check
+@torch.no_grad()
+def test_what_large_nuisances_took_on_is_found_where_it_is(lab):
+    selection, patch = softened(lab)
+    best = min(selection.ranking.at(selection.baseline()).hypotheses, key=lambda one: one.fit.cost)
+    assert best.name == "stiffness_loss"
+    assert is_noise(best.fit)
+    for name, true in patch.items():
+        assert best.own[name.removeprefix("weak.")] == pytest.approx(true, abs=0.02)
 
 
 @torch.no_grad()

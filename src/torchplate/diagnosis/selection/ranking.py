@@ -23,7 +23,7 @@ from torchplate.diagnosis.selection.null import Draws, once_in_a_hundred
 from torchplate.diagnosis.selection.refit import Refits
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
 from torchplate.diagnosis.selection.shortlist import best_of_each, contained, kept, promising
-from torchplate.diagnosis.selection.starts import spread_out
+from torchplate.diagnosis.selection.starts import beside_what_was_told, spread_out
 from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import UNIFORM, Found
@@ -79,18 +79,19 @@ class Ranking:
     def at(self, state: State) -> Ranked:
         """Score the whole catalogue, and refit what promises most."""
         builder, misfit = self.builder, state.fit.reduced_misfit
-        base, everyone = self._catalogue_beside(state)
+        here = beside_what_was_told(builder, self.prior, state)
+        base, everyone = self._catalogue_beside(here)
         self._far, self._ways = set(), ()
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         hypotheses: list[Hypothesis] = []
         by_chance, much = 0.0, False
         screening, selecting = self.settings.screening, self.settings.selecting
-        is_near = state.fit.left < screening.overlapping
+        is_near = here.fit.left < screening.overlapping
         # Beside an error of the model that was inflated until it explains what is left, every model is nearly right.
-        nearly_right = misfit <= screening.nearly_right and (state.fit.by_noise or is_near)
+        nearly_right = misfit <= screening.nearly_right and (state.fit.by_noise or is_near) and here is state
         if is_near or nearly_right:
-            promises, by_chance = self._nearby(state, base, everyone)
+            promises, by_chance = self._nearby(here, base, everyone, before=state)
             # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
             much = bool(promises) and promises[0].drop > 1 - selecting.explains_much
             best = promises[0].drop * state.fit.square if promises else 0.0
@@ -105,17 +106,17 @@ class Ranking:
             else:
                 # What sits at a place begins beside the specimen as it is there, which may have taken on some of it.
                 placed = [one for one in near if one.candidate.has_place]
-                begun = [(one, spread_out(builder, self.prior, state, base, one)) for one in placed]
+                begun = [(one, spread_out(builder, self.prior, here, base, one)) for one in placed]
                 chosen = [one for one in chosen if not one[0].candidate.has_place]
                 if (nearly_right or much) and known_section(state.fit) is not None:
                     # Where all of them begin beside one specimen, the nearest goes first, whatever it is.
                     begun, chosen = begun + chosen, []
-                hypotheses = self._refitted(state, begun, about=state.fit.about)
+                hypotheses = self._refitted(state, begun, about=here.fit.about)
         if not nearly_right:
             if much:
                 hypotheses, chosen = hypotheses + self._refitted(state, chosen, hypotheses), []
             if not kept(promises, hypotheses, state, screening, selecting.doubtful):
-                widely_scored, further = self._widely(state, base, everyone)
+                widely_scored, further = self._widely(here, base, everyone)
                 chosen += further
                 promises = promises or widely_scored
         hypotheses += self._refitted(state, chosen, hypotheses)
@@ -198,13 +199,14 @@ class Ranking:
         everyone: Sequence[Candidate],
         by_mesh: Tensor | None = None,
         says: Tensor | None = None,
+        before: State | None = None,
     ) -> tuple[list[Scored], float]:
-        """All candidates scored where peaks overlap; and what chance takes, where little is left."""
+        """All candidates scored where peaks overlap; and what chance takes, where little is left before."""
         builder, near = self.builder, state.fit.marginal
         if says is None and (step := self._line_step(state)) > 1:
             builder = builder.against(builder.target.every(step))
             near = builder.target.marginal(base, state.fit.theta, state.fit.about).rescaled(near.scale)
-        draws = self._by_chance(state, builder.target)
+        draws = self._by_chance(before or state, builder.target)
         promises = screen(builder, base, state.fit.theta, everyone, self.prior, near, draws, says, by_mesh)
         if draws is None:
             return promises, 0.0

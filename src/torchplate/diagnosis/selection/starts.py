@@ -1,12 +1,16 @@
-"""Where the refit of what sits at a place begins: of all sizes and strengths there, those that fit best."""
+"""Where refits begin: beside which plate, and of all sizes and strengths at a place those that fit best."""
+
+from dataclasses import replace
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.trials import spread_at
+from torchplate.diagnosis.judged import beside, judged_beside
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem, widely
+from torchplate.diagnosis.selection.criterion import excessive
 from torchplate.diagnosis.selection.screen import Scored, start_of
 from torchplate.diagnosis.selection.trace import State
 from torchplate.discrepancy import Found
@@ -41,6 +45,31 @@ def spread_out(
     # effect more it cannot end farther off than without.
     half = builder.target.settings.screening.n_start // 2
     return torch.cat([every[left.argsort()[:half]], promise.starts[:-1][:half], promise.starts[-1:]])
+
+
+def beside_what_was_told(builder: ModelBuilder, prior: Prior, state: State) -> State:
+    """The state that candidates are scored beside: the plate as it was told, where smoothed FRFs take it.
+
+    A specimen that wanders by more than plates do has taken on what is missing. Candidates are not fitted beside it,
+    and beside it they would promise what it has left.
+
+    Args:
+        builder: evaluates them.
+        prior: what is known of the given model's parameters beforehand.
+        state: as it was fitted; it is returned as it is where its specimen is as plates are.
+    """
+    before, model, target = state.fit, state.fit.model, builder.target
+    if before.about is None or not model.names or not excessive(before):
+        return state
+    plain = builder.reduced(model, before.theta[None])
+    position = model.space.to_cube(before.theta)
+    told = before.theta.clone()
+    for index, name in enumerate(model.names):
+        told[index] = prior[name][0] if name in prior else told[index]
+    starts = torch.stack([position, model.space.to_cube(told)]).clamp(0.0, 1.0)
+    end = widely(Problem(builder, plain, prior), starts)[0][0]
+    of_fit = beside(target, plain, model.space.to_si(end), None)
+    return replace(state, fit=judged_beside(builder, model, plain, prior, end, of_fit))
 
 
 def nearest(
