@@ -286,7 +286,7 @@ def test_a_coherence_that_claims_too_little_noise_is_not_believed(lab):
     assert not torch.equal(believed.std, without.std)
 
 
-@pytest.mark.parametrize("distorted", [[], [2], [0, 3]])
+@pytest.mark.parametrize("distorted", [[], [2], [0, 3], [1, 2, 4]])
 def test_what_repeats_in_every_record_is_no_noise(lab, distorted):
     """A clipped sensor scatters over the lines alike in all records: their coherence does not see it."""
     frequency = lab.lines(1.0)
@@ -298,6 +298,22 @@ def test_what_repeats_in_every_record_is_no_noise(lab, distorted):
     mean, coherence = averaged(lab, frf + rough * kept, std, 8, seed=14)
     found = noise_level(lab.measured(frequency, mean, [3], lab.nodes[1:7], coherence=coherence), 8)
     assert torch.equal(found.distorted, kept)
+
+
+@pytest.mark.parametrize(("loud", "drowned"), [([], []), ([2], [2]), ([0, 4], [0, 4]), ([0, 1, 2, 3], [])])
+def test_what_is_mostly_scatter_says_nothing_of_the_plate(lab, loud, drowned):
+    """Without a coherence a clipped sensor looks as noisy as what it adds; the others say how noisy the test is."""
+    frequency = lab.lines(1.0)
+    frf = lab.plate().frf(lab.nobody, frequency, [3], lab.nodes[1:7])
+    # One near a nodal line is mostly noise too, and no noisier than the others.
+    frf[:, :, 5] *= 1e-3
+    std = lab.true_std(frf, 0.02, "sensor")
+    std[:, :, 5] = std[:, :, 4]
+    which = torch.zeros(1, frf.shape[2], dtype=torch.bool)
+    which[0, loud] = True
+    given = frf + lab.noise_of(torch.where(which, 100.0, 1.0) * std, 21)
+    found = noise_level(lab.measured(frequency, given, [3], lab.nodes[1:7]))
+    assert found.drowned[0].nonzero().flatten().tolist() == drowned
 
 
 def test_exchanged_frfs_are_held_against_the_noise(lab):

@@ -1,5 +1,6 @@
 """What is said at the end follows from what was found."""
 
+import dataclasses
 from dataclasses import replace
 
 import pytest
@@ -11,7 +12,7 @@ from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.naming import _chance
-from torchplate.diagnosis.remarks import all_remarks, missing_still, nothing_but_chance
+from torchplate.diagnosis.remarks import all_remarks, faults_of, missing_still, nothing_but_chance
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis, is_explained
 from torchplate.diagnosis.selection.screen import Scored
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
@@ -70,6 +71,16 @@ def test_the_verdict_follows_from_what_is_left(lab, off, n_named, expected):
         assert len(said) > 2
     else:
         assert said == ()
+
+
+@pytest.mark.parametrize("what", ["distorted", "drowned"])
+def test_frfs_that_hold_nothing_of_the_plate_are_said_where_the_rest_is_noise(lab, what):
+    ended, which = Ended(lab), torch.tensor([[False, False], [True, True]])
+    assert faults_of(ended.builder, ended.noise) == ()
+    noise = dataclasses.replace(ended.noise, **{what: which})
+    (said,) = missing_still(ended.builder, noise, ended.state, "unexplained")
+    assert said.startswith("FRFs 17w/7w, 17w/9w scatter over the lines")
+    assert (said,) == faults_of(ended.builder, noise)
 
 
 def test_a_parameter_on_the_edge_of_its_interval_is_said(lab):

@@ -1,5 +1,7 @@
 """What is missing still, and what is remarked beside the verdict."""
 
+from torch import Tensor
+
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.localisation.localise import localise
 from torchplate.diagnosis.model_builder import ModelBuilder
@@ -30,9 +32,9 @@ def missing_still(builder: ModelBuilder, noise: Noise, final: State, verdict: Ve
     target = builder.target
     if verdict in ("consistent", "explained"):
         return ()
-    repeated = in_every_record(builder, noise)
-    if repeated and is_explained(final.fit, target):
-        return (repeated,)
+    faults = faults_of(builder, noise)
+    if faults and is_explained(final.fit, target):
+        return faults
     gap = float(target.gap(final.fit.prediction))
     left = localise(
         target.measurement,
@@ -47,24 +49,37 @@ def missing_still(builder: ModelBuilder, noise: Noise, final: State, verdict: Ve
         f"A gap of {percent(gap)} is left, where noise alone makes {percent(noise.floor)}, and noise and the "
         f"imperfections of the test as large as was said make {percent(expected)}."
     )
-    return (*([repeated] if repeated else ()), size, *would_take(final.fit), *left.sentences)
+    return (*faults, size, *would_take(final.fit), *left.sentences)
 
 
-def in_every_record(builder: ModelBuilder, noise: Noise) -> str:
-    """Which FRFs hold what repeats in every record and is no sum of resonances; empty where none does."""
-    if noise.distorted is None or not bool(noise.distorted.any()):
-        return ""
+def faults_of(builder: ModelBuilder, noise: Noise) -> tuple[str, ...]:
+    """What ails single FRFs whatever the model: what repeats in every record and is no sum of resonances, and scatter.
+
+    Either may be fitted as noise; that does not make it explained.
+    """
+    said = []
+    if which := _named(builder, noise.distorted):
+        said.append(
+            f"{_frfs(which)} over the lines more than twice as much as the records behind them differ, which is not so "
+            "with the other FRFs: something repeats in every record that no resonance makes, as a clipped or rattling "
+            "sensor does. Look at its time records and its range."
+        )
+    if which := _named(builder, noise.drowned):
+        said.append(
+            f"{_frfs(which)} over the lines more than ten times as much as the other FRFs, and that is most of what "
+            "there is: no resonance can be told, and nothing of the plate. So does a clipped, loose or broken sensor. "
+            "Look at its time records, its range and its cable."
+        )
+    return tuple(said)
+
+
+def _named(builder: ModelBuilder, which: Tensor | None) -> list[str]:
     measurement = builder.target.measurement
-    channels = [
-        f"{measurement.response[response].label}/{measurement.reference[reference].label}"
-        for response, reference in noise.distorted.nonzero().tolist()
-    ]
-    which = f"FRF {channels[0]} scatters" if len(channels) == 1 else f"FRFs {', '.join(channels)} scatter"
-    return (
-        f"{which} over the lines more than twice as much as the records behind them differ, which is not so with the "
-        "other FRFs: something repeats in every record that no resonance makes, as a clipped or rattling sensor does. "
-        "Look at its time records and its range."
-    )
+    return [] if which is None else [measurement.pair_label(*pair) for pair in which.nonzero().tolist()]
+
+
+def _frfs(labels: list[str]) -> str:
+    return f"FRF {labels[0]} scatters" if len(labels) == 1 else f"FRFs {', '.join(labels)} scatter"
 
 
 def would_take(fit: Fit) -> tuple[str, ...]:

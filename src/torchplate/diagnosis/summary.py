@@ -15,7 +15,7 @@ from torchplate.diagnosis.naming import as_named, remark_on
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.remarks import (
     all_remarks,
-    in_every_record,
+    faults_of,
     missing_still,
     nothing_but_chance,
     of_the_given_mesh,
@@ -36,7 +36,7 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
         seconds: that it took.
     """
     builder, noise, baseline, final = seen.builder, seen.noise, seen.baseline, seen.final
-    explained = is_explained(final.fit, builder.target) and not in_every_record(builder, noise)
+    explained = is_explained(final.fit, builder.target) and not faults_of(builder, noise)
     verdict = verdict_of(bool(final.named), explained)
     finer = _finer_mesh(seen)
     first = _first(seen, bool(finer))

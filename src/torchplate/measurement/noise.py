@@ -32,6 +32,10 @@ MOTIONS: Final = ("displacement", "velocity", "acceleration")
 ORDER: Final = {"receptance": 0, "mobility": 1, "accelerance": 2}
 # A coherence-based noise is not believed if it is below the scatter over the lines by more than this factor.
 DISAGREEMENT: Final = 2.0
+# Part of an FRF's energy that scatter takes where no resonance can be told in it.
+MOSTLY: Final = 0.5
+# Times the others' that the noise of a sound channel is at most: sensors of one test are read in one range or the next.
+APART: Final = 10.0
 # Lines that the fraction of an outlier stands out at: its own, or those on either side of it.
 N_ALONE: Final = 2
 
@@ -48,6 +52,7 @@ class Noise:
         resonances: these, with what stands out at a line or two alone; None where none were sought.
         distorted: FRFs that scatter over the lines by far more than their records differ, where the others do not;
             None where that is not known.
+        drowned: FRFs that are mostly scatter, many times as much as the others hold; None where that is not known.
     """
 
     std: Float[Tensor, "n_frequency n_response n_reference"]
@@ -56,6 +61,7 @@ class Noise:
     slope: Float[Tensor, "n_frequency n_response n_reference"]
     resonances: Resonances | None = None
     distorted: Bool[Tensor, "n_response n_reference"] | None = None
+    drowned: Bool[Tensor, "n_response n_reference"] | None = None
 
     def every(self, step: int) -> "Noise":
         """Of every `step`-th line."""
@@ -106,7 +112,23 @@ def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise
     std = torch.zeros_like(measurement.frf.real)
     slope = torch.zeros_like(std)
     std[:, kept], slope[:, kept] = variance.sqrt().to(std), steep.to(std)
-    return Noise(std, floor, tuple(sentence for sentence in sentences if sentence), slope, resonances, distorted)
+    drowned = torch.zeros_like(measurement.measured)
+    drowned[kept] = _drowned(variance, frf)
+    said = tuple(sentence for sentence in sentences if sentence)
+    return Noise(std, floor, said, slope, resonances, distorted, drowned & ~distorted)
+
+
+def _drowned(variance: Float[Tensor, "n_line n_frf"], frf: Complex[Tensor, "n_line n_frf"]) -> Bool[Tensor, " n_frf"]:
+    """FRFs that are mostly scatter, where at least half are not, and many times as much of it as these.
+
+    A sensor on a nodal line is mostly noise, too, and has no more of it than the others.
+    """
+    power, energy = 2 * variance.sum(0), frf.abs().square().sum(0)
+    mostly = (energy > 0) & (power >= MOSTLY * energy)
+    sound = (energy > 0) & ~mostly
+    if int(sound.sum()) < int(mostly.sum()) or not bool(mostly.any()):
+        return torch.zeros_like(mostly)
+    return mostly & (power > APART**2 * power[sound].median())
 
 
 class _Scatter(NamedTuple):
@@ -275,8 +297,9 @@ def _from_coherence(scatter: _Scatter, coherence: Float[Tensor, "n_line n_frf"],
     if not bool(believed.any()):
         told = "The coherence claims less than half of the scatter that the lines show, or is 1: the scatter counts."
         return _Second(scatter.variance, told, none)
-    # Where most FRFs bear the coherence out, those that do not hold what every record repeats.
-    borne_out = 2 * int(believed.sum()) > int(usable.sum())
+    # Where half of the FRFs bear the coherence out, as with one sound sensor of two, the others hold what every record
+    # repeats: a wrong number of averages would part from the scatter in all of them.
+    borne_out = 2 * int(believed.sum()) >= int(usable.sum())
     distorted = usable & ~believed if borne_out else none
     believed &= scatter.cost(torch.where(believed, variance, own)) <= least
     n = int(believed.sum())
