@@ -1,5 +1,6 @@
 """The catalogue beside one model: what came near before is tried again, and the best are followed to the end."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -113,7 +114,7 @@ def test_a_patch_that_was_found_is_fitted_as_a_rectangle_and_is_a_square_where_t
     scene = lab.Scene(hidden={"patch": 0.4, "aspect": aspect})
     square = scene.hypothesis("stiffness_loss")
     assert "stiffness_loss_1.aspect" not in square.fit.model.names
-    (rectangle,) = scene.ranking._in_detail(scene.state, [square])
+    (rectangle,) = scene.ranking.details.fitted(scene.state, [square])
     values = rectangle.fit.model.as_dict(rectangle.fit.theta)
     spread = float(
         rectangle.fit.covariance.diagonal()[rectangle.fit.model.names.index("stiffness_loss_1.aspect")].sqrt()
@@ -125,7 +126,33 @@ def test_a_patch_that_was_found_is_fitted_as_a_rectangle_and_is_a_square_where_t
     far = replace(square, fit=lab.leaving(square.fit, 50 * square.fit.square))
     mass = scene.hypothesis("point_mass")
     assert mass.cost < far.cost
-    assert scene.ranking._in_detail(scene.state, [mass, far]) == []
+    assert scene.ranking.details.fitted(scene.state, [mass, far]) == []
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("idle", [("mass_coefficient",), ("mass_coefficient", "stiffness_coefficient"), ()])
+def test_a_number_that_does_nothing_is_left_out_and_costs_nothing(lab, scene, idle):
+    whole = scene.hypothesis("viscous_damping")
+    names, space = whole.fit.model.names, whole.fit.model.space
+    own = {key: names.index(f"viscous_damping_1.{key}") for key in whole.candidate.searched}
+    position = space.to_cube(whole.fit.theta)
+    for key, column in own.items():
+        position[column] = 0.0 if key in idle else 1e-2
+    whole = replace(whole, fit=judged_at(scene.builder, whole.fit, {}, position))
+    assert whole.fit.n_on_bound == len(idle)
+    found = scene.ranking.details.left_out(scene.state, [whole])
+    # An effect of which no number is left is none.
+    assert len(found) == (len(idle) == 1)
+    for simpler in found:
+        assert set(simpler.candidate.searched) == set(own) - set(idle)
+        assert simpler.fit.n_on_bound == 0
+        assert simpler.fit.model.as_dict(simpler.fit.theta)["viscous_damping_1.mass_coefficient"] == 0.0
+        edge = -2 * math.log(simpler.fit.comparison.on_bound)
+        assert simpler.cost < whole.cost - edge
+    # What is no equivalent of the best is not asked.
+    far = replace(whole, fit=lab.leaving(whole.fit, 50 * whole.fit.square))
+    gain = scene.hypothesis("sensor_gain")
+    assert scene.ranking.details.left_out(scene.state, [gain, far]) == []
 
 
 @torch.no_grad()

@@ -245,3 +245,9 @@ def is_explained(fit: Fit, target: FrfTarget) -> bool:
     if is_noise(fit):
         return True
     return fit.by_noise and fit.gap <= target.floor
+
+
+def never_equivalent(best: Fit) -> float:
+    """How much less probable, in −2 ln L, a hypothesis has to be for never being the equivalent of the best."""
+    comparison = best.comparison
+    return -2 * math.log((1 - comparison.credible) * comparison.beyond) / weight_of([best]).likelihood

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Complex
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate
@@ -16,7 +16,8 @@ from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.afar import FromAfar
-from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_noise, known_section, weight_of
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_noise, known_section, never_equivalent
+from torchplate.diagnosis.selection.details import Details
 from torchplate.diagnosis.selection.grounded import Grounded
 from torchplate.diagnosis.selection.instead import Instead
 from torchplate.diagnosis.selection.null import Draws, once_in_a_hundred
@@ -52,6 +53,7 @@ class Ranking:
         self.builder, self.prior, self.channels, self.say, self.finer = builder, prior, channels, say, finer
         self.settings = builder.target.settings
         self.refits, self.afar = Refits(builder, prior, say), FromAfar(builder, prior)
+        self.details = Details(builder, self.refits)
         self.grounded, self.instead = Grounded(builder, self.refits), Instead(builder, prior, self.refits)
         self._far: set[str] = set()
         self._ways: tuple[tuple[Candidate, Tensor], ...] = ()
@@ -130,7 +132,8 @@ class Ranking:
             first = min(ends, key=lambda one: one.cost)
             ends = best_of_each([*ends, *self.instead.of(state, first, everyone, self._beat(state, [first]))])
         limit, beat = self._hopeless(ends), self._beat(state, ends)
-        ends = best_of_each([*ends, *self._in_detail(state, ends)])
+        ends = best_of_each([*ends, *self.details.fitted(state, ends)])
+        ends = best_of_each([*ends, *self.details.left_out(state, ends)])
         for found in ends:
             far = found.fit.square > limit or (limit < math.inf and found.fit.cost > beat.cost)
             grounded = found.candidate.effect.to_ground and not far
@@ -277,7 +280,7 @@ class Ranking:
         if best is None or math.isinf(best.way):
             return NOBODY
         settings = self.settings.selecting
-        near = settings.close + settings.close_part * best.square + _never(best)
+        near = settings.close + settings.close_part * best.square + never_equivalent(best)
         part = settings.explains_some
         pairs = (best.way, state.fit.way), (best.cost, state.fit.cost)
         return Beat(*(here + max(near, part * (before - here)) for here, before in pairs))
@@ -362,7 +365,7 @@ class Ranking:
             # Beside a specimen that is fitted too, ways to one end agree to a few.
             fitted_too = self.builder.target.wandering != UNIFORM
             apart = settings.close + settings.close_part * found[0].fit.square
-            within = _never(found[0].fit) if fitted_too else apart
+            within = never_equivalent(found[0].fit) if fitted_too else apart
             close = [one for one in found if one.cost - least < within]
             if not is_noise(found[0].fit) and not fitted_too:
                 close = found[: max(settings.n_best, len(close))]
@@ -378,47 +381,3 @@ class Ranking:
             if least - found[0].cost < within:
                 break
         return found
-
-    def _in_detail(self, state: State, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """The best, and what may be its equivalent, with details fitted: from neutral and half way to their ends."""
-        best = min(hypotheses, key=lambda one: one.cost, default=None)
-        if best is None or not best.fit.by_noise:
-            return []
-        found = []
-        for one in hypotheses:
-            if not one.candidate.detail or one.cost - best.cost > _never(best.fit):
-                continue
-            detailed = one.candidate.in_detail()
-            whole = with_candidate(state.model, one.label, detailed)
-            own = {**detailed.neutral, **one.own}
-            starts = [start_of(whole, one.beside(state.model), state.model, own, one.label)]
-            for key in one.candidate.detail:
-                column = whole.names.index(f"{one.label}.{key}")
-                for end in (0.0, 1.0):
-                    starts.append(starts[0].clone())
-                    starts[-1][column] = 0.5 * (starts[0][column] + end)
-            about = known_section(one.fit)
-            ended = self.refits.refit(state, detailed, one.label, torch.stack(starts), about=about)
-            if not is_noise(ended.fit):
-                # Where edges come to lie on lines of the mesh are ends that are none: from an element beside, too.
-                beside = self._an_element_beside(whole, ended)
-                again = self.refits.refit(state, detailed, one.label, beside, about=known_section(ended.fit))
-                ended = min(ended, again, key=lambda each: each.cost)
-            found.append(ended)
-        return found
-
-    def _an_element_beside(self, whole: PlateModel, ended: Hypothesis) -> Float[Tensor, "n_start n"]:
-        """Starts on the unit cube whose place is half an element's side further along each side, either way."""
-        here, (n_x, n_y) = whole.space.to_cube(ended.fit.theta), self.builder.mesh.cells
-        starts = []
-        for axis, n in (("x", n_x), ("y", n_y)):
-            for way in (-0.5, 0.5):
-                starts.append(here.clone())
-                starts[-1][whole.names.index(f"{ended.label}.{axis}")] += way / n
-        return torch.stack(starts).clamp(0.0, 1.0)
-
-
-def _never(best: Fit) -> float:
-    """How much less probable, in −2 ln L, a hypothesis has to be for never being the equivalent of the best."""
-    comparison = best.comparison
-    return -2 * math.log((1 - comparison.credible) * comparison.beyond) / weight_of([best]).likelihood
