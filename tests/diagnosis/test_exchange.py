@@ -56,6 +56,22 @@ def test_a_name_that_another_fits_better_now_is_replaced(lab):
     assert first.known.equivalent == ()
 
 
+@torch.no_grad()
+@pytest.mark.parametrize(("misfit", "times"), [(1.0, 10.0), (500.0, 2.0)])
+def test_rivals_have_to_come_nearer_where_far_more_than_noise_is_left(lab, monkeypatch, misfit, times):
+    two, limits = Two(lab, "orthotropy", "sensor_gain"), []
+
+    def limited(*given, hopeless, **named):
+        limits.append(hopeless)
+        return fit(*given, hopeless=hopeless, **named)
+
+    monkeypatch.setattr(module, "fit", limited)
+    square = misfit * two.state.fit.judged.n
+    left = lab.leaving(two.state.fit, square)
+    two.exchange.beside_the_others(replace(two.state, fit=left), 1)
+    assert limits == [pytest.approx(times * square)]
+
+
 @pytest.mark.check
 @torch.no_grad()
 def test_a_right_name_stays_and_knows_its_rivals_now(lab):

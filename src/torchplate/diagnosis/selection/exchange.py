@@ -94,11 +94,20 @@ class Exchange:
         # From where the rest is now, and from where the rival had it.
         starts = [[values[name] for name in model.names] for values in (then | now, now | then)]
         start = model.space.to_cube(torch.tensor(starts).to(state.fit.theta)).clamp(1e-3, 1 - 1e-3)
-        limit = self.settings.hopeless_rival * state.fit.square
+        limit = self._hopeless(state.fit)
         about = known_section(state.fit)
         found = fit(self.builder, model, start, self.prior, wide=False, hopeless=limit, about=about)
         self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
         return replace(rival, fit=found)
+
+    def _hopeless(self, now: Fit) -> float:
+        """The sum of squares beyond which a rival is not followed to its end.
+
+        Where far more than noise is left, a rival is one more that does not explain it: it has to come as near as a
+        second best that another effect is looked for beside.
+        """
+        far = now.by_noise and now.reduced_misfit > self.settings.doubtful
+        return (self.settings.beside if far else self.settings.hopeless_rival) * now.square
 
     def _as_one_support(self, state: State) -> State:
         """A spring and a dashpot to the ground at one place are a further support there, if that is as good."""
