@@ -429,6 +429,38 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
 
 
 @torch.no_grad()
+@pytest.mark.parametrize(
+    ("stays", "misfit", "names"),
+    [
+        (("point_mass",), 5.0, ["point_mass", "sensor_gain"]),
+        (("point_mass",), 0.9, ["point_mass"]),
+        (("orthotropy", "point_mass"), 5.0, ["orthotropy", "point_mass"]),
+        ((), 5.0, []),
+    ],
+)
+def test_where_one_of_two_that_promised_much_is_needless_another_is_looked_for(lab, monkeypatch, stays, misfit, names):
+    """The first may only have led to the second, and what is missing beside that was not looked for without it."""
+    scene = lab.Scene()
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    two = {name: scene.hypothesis(name) for name in ("orthotropy", "point_mass")}
+
+    def beside(*some: str) -> State:
+        state = State(scene.state.model, lab.leaving(scene.fit, misfit * scene.fit.judged.n))
+        for name in some:
+            one = replace(two[name], fit=lab.leaving(two[name].fit, misfit * scene.fit.judged.n))
+            ranked = Ranked((), (one,))
+            state = selection._added(state, choose([one], state.fit), ranked)
+        return replace(state, previous=None)
+
+    monkeypatch.setattr(selection.exchange, "judged_again", lambda _: beside(*stays))
+    monkeypatch.setattr(forward, "is_noise", lambda fit: fit.reduced_misfit < 1)
+    gain = scene.hypothesis("sensor_gain")
+    monkeypatch.setattr(selection, "_needed", lambda state, _: (choose([gain], state.fit), Ranked((), (gain,))))
+    found = selection._beside_those_that_stay(beside("orthotropy", "point_mass"), [])
+    assert [one.hypothesis.name for one in found.named] == names
+
+
+@torch.no_grad()
 @pytest.mark.parametrize(("misfit", "first"), [(500.0, True), (5.0, False)])
 def test_where_far_more_than_noise_is_left_a_second_is_looked_for_where_smoothed_frfs_ended(
     lab, monkeypatch, misfit, first

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.selection.null import Draws, falls, once_in_a_hundred
+from torchplate.diagnosis.selection.null import Draws, falls, limits, once_in_a_hundred
 from torchplate.diagnosis.selection.products import Products, best_of_places
 from torchplate.diagnosis.selection.screen import screen
 
@@ -36,6 +36,27 @@ def test_the_best_of_many_places_takes_more_than_one_of_them():
     # The largest of 49 squares of normal numbers: 1 − (1 − 1/98)-quantile squared.
     assert 5.5 < float(best.quantile(0.5)) < 6.5
     assert once_in_a_hundred(torch.stack([one, best])) > once_in_a_hundred(one[None])
+
+
+def test_each_effect_has_its_own_limit_and_one_draw_of_a_hundred_is_beyond_one():
+    """Six effects of one number, two of three, one that may sit at 49 places, and one that takes nothing."""
+
+    def drawn(n_draw: int, seed: int) -> torch.Tensor:
+        square = random(n_draw, 6 + 2 * 3 + 49, seed=seed).square().mT
+        several = square[6:12].unflatten(0, (2, 3)).sum(1)
+        return torch.cat([square[:6], several, square[12:].amax(0)[None], torch.zeros(1, n_draw).to(square)])
+
+    limit = limits(drawn(4000, 1))
+    fresh = drawn(40000, 2)
+    beyond = fresh[:-1] > limit[:-1, None]
+    assert 0.006 < float(beyond.any(0).double().mean()) < 0.014
+    # One p-value for all: an effect of one number is beyond its limit as often as one of three.
+    once = beyond.double().mean(1)
+    assert float(once[:6].mean()) == pytest.approx(float(once[6:8].mean()), rel=0.5)
+    one, three, anywhere = float(limit[:6].mean()), float(limit[6:8].mean()), float(limit[8])
+    assert one + 3 < three < anywhere
+    assert one + 3 < once_in_a_hundred(drawn(4000, 1))
+    assert not limits(torch.zeros(3, 0, dtype=torch.float64)).any()
 
 
 def test_what_says_nothing_takes_nothing():

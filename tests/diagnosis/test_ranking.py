@@ -413,7 +413,13 @@ def test_what_the_mesh_may_have_left_adds_to_what_chance_takes_where_it_looks_li
     assert 0.5 * whole < gain.by_mesh < whole
     assert mass.by_mesh < gain.by_mesh
     assert delay.by_mesh < 1e-3 * gain.by_mesh
-    assert ranked.allowed(gain) == pytest.approx(chance + gain.by_mesh + 2 * (chance * gain.by_mesh) ** 0.5)
+    own = gain.by_chance_at_most
+    # A gain is one number, and a mass may sit anywhere.
+    assert 4 < own < mass.by_chance_at_most
+    assert own < chance
+    assert ranked.chance("sensor_gain") == own
+    assert ranked.chance("support_spring") == chance
+    assert ranked.allowed(gain) == pytest.approx(own + gain.by_mesh + 2 * (own * gain.by_mesh) ** 0.5)
     assert ranked.exceeds(delay) == pytest.approx(delay.drop * quiet.fit.square / ranked.allowed(delay))
     assert ranked.exceeds(ranked.most_beyond) == max(map(ranked.exceeds, ranked.promises))
     assert not any(one.by_mesh for one in alone[0])

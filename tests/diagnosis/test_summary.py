@@ -135,8 +135,8 @@ def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):
     naming = replace(naming, before=before.state.fit, by_chance=123.4)
     fall = before.state.fit.cost - naming.hypothesis.fit.cost
     assert _chance(naming) == (
-        f"; it takes {fall:.3g} from −2 ln L, of which the best of the catalogue takes 123 once in a "
-        "hundred times where nothing is missing"
+        f"; it takes {fall:.3g} from −2 ln L, and chance lets it take 123: of a hundred tests in which nothing is "
+        "missing, one has an effect that takes more"
     )
     # Where far more is left than chance makes, it was not asked.
     assert _chance(replace(naming, by_chance=0.0)) == ""
@@ -146,13 +146,13 @@ def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):
         seen = Trace(after.builder, after.noise, best.fit, before.state, before.state, (ranked,), {})
         said = nothing_but_chance(seen)
         assert len(said) == n_sentences
-        assert all("density, would take" in one and "takes 123 once" in one for one in said)
+        assert all("density, would take" in one and "chance lets it take 123:" in one for one in said)
     named = Trace(after.builder, after.noise, best.fit, before.state, after.state, (ranked,), {})
     assert nothing_but_chance(named) == ()
     # Where it was scored on a finer mesh, nothing was refitted.
     nothing = torch.zeros(0, dtype=torch.float64)
     promise = Scored(best.candidate, best.label, before.state.model, 0.02, {}, nothing[None], nothing, nothing)
-    told = ["density, promises to take 20 from", "take 123 once"]
+    told = ["density, promises to take 20 from", "take 123:"]
     for promises, square, expected in (((promise,), 1000.0, told), ((), 1000.0, []), ((promise,), 0.0, [])):
         ranked = Ranked(promises, (), 123.4, square=square)
         said = nothing_but_chance(replace(seen, rankings=(ranked,)))

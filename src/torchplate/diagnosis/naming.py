@@ -67,8 +67,8 @@ def _chance(naming: Naming) -> str:
         return ""
     fall = naming.before.cost - naming.hypothesis.fit.cost
     return (
-        f"; it takes {fall:.3g} from −2 ln L, of which the best of the catalogue takes "
-        f"{naming.by_chance:.3g} once in a hundred times where nothing is missing"
+        f"; it takes {fall:.3g} from −2 ln L, and chance lets it take {naming.by_chance:.3g}: of a hundred tests in "
+        "which nothing is missing, one has an effect that takes more"
     )
 
 

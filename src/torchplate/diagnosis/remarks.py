@@ -140,14 +140,16 @@ def nothing_but_chance(seen: Trace) -> tuple[str, ...]:
             return ()
         return (
             f"On a finer mesh the best of the catalogue, {best.candidate.name}, promises to take "
-            f"{best.drop * ranked.square:.3g} from the sum of squares; where nothing is missing, chance and what that "
-            f"mesh leaves let it take {ranked.allowed(best):.3g} once in a hundred times.",
+            f"{best.drop * ranked.square:.3g} from the sum of squares, and chance and what that mesh leaves let it "
+            f"take {ranked.allowed(best):.3g}: of a hundred tests in which nothing is missing, one has an effect that "
+            "takes more.",
         )
     nearest = min(ranked.hypotheses, key=lambda one: one.cost)
     fall = max(0.0, seen.baseline.fit.cost - nearest.fit.cost)
     return (
-        f"The best of the catalogue, {nearest.name}, would take {fall:.3g} from −2 ln L; where nothing is "
-        f"missing, the best takes {ranked.by_chance:.3g} once in a hundred times.",
+        f"The best of the catalogue, {nearest.name}, would take {fall:.3g} from −2 ln L, and chance lets it take "
+        f"{ranked.chance(nearest.name):.3g}: of a hundred tests in which nothing is missing, one has an effect that "
+        "takes more.",
     )
 
 

@@ -209,7 +209,7 @@ class ForwardSelection:
             alone = alone or (ranked is not needed[1] and is_noise(choice.best.fit))
             if not state.named and (lower := self._lower(state, single, ranked, alone)) is not None:
                 # The ranking was beside another baseline: it holds where this was the second time, or no other did.
-                holds = (lowered or alone) and is_needed(lower.fit, choice.best, ranked.by_chance)
+                holds = (lowered or alone) and is_needed(lower.fit, choice.best, ranked.chance(choice.best.name))
                 self.begun, state, lowered = lower, lower, True
                 if not holds:
                     rankings = []
@@ -226,7 +226,8 @@ class ForwardSelection:
             if further is None or not _explains_much(state, self.settings):
                 break
         state = _worth_their_names(state, self.settings)
-        state = self._two_that_promise(state, rankings, most_effects) or state
+        if (pair := self._two_that_promise(state, rankings, most_effects)) is not None:
+            state = self._beside_those_that_stay(pair, rankings)
         return self.settling.ended(state), rankings
 
     def _restarted(self, state: State, choice: Choice, ranked: Ranked) -> tuple[Choice, Ranked]:
@@ -340,7 +341,9 @@ class ForwardSelection:
         for other in ordered[1:]:
             if len(beam) >= settings.n_best or other.fit.reduced_misfit > most:
                 break
-            if is_needed(state.fit, other, ranked.by_chance) and self._explains_some(state.fit, other, by_cost=True):
+            if is_needed(state.fit, other, ranked.chance(other.name)) and self._explains_some(
+                state.fit, other, by_cost=True
+            ):
                 beam.append(self._added(state, choose(ordered, state.fit, other), ranked))
         best: State | None = None
         for rank, start in enumerate(beam):
@@ -421,6 +424,19 @@ class ForwardSelection:
         both = evidence(best.fit, weight) + sum(one.hypothesis.prior for one in best.named)
         return best if both < none else None
 
+    def _beside_those_that_stay(self, pair: State, rankings: list[Ranked]) -> State:
+        """Two effects judged again; with one more where only one of them stays, and leaves more than noise.
+
+        What promised much beside peaks that do not overlap may only have led to the other.
+        """
+        state = self.exchange.judged_again(pair)
+        if not 0 < len(state.named) < len(pair.named) or is_noise(state.fit):
+            return state
+        names = " + ".join(one.hypothesis.name for one in state.named)
+        self.say(f"{names} leaves {state.fit.reduced_misfit:.3g}: looking for what else is missing")
+        needed = self._needed(state, rankings)
+        return state if needed is None else _worth_their_names(self._added(state, *needed), self.settings)
+
     def _beside_a_finer_mesh(self, state: State) -> Ranked | None:
         # Settling itself asks the ranking, which is made before it.
         return self.settling.beside_a_finer_mesh(state)
@@ -432,12 +448,12 @@ class ForwardSelection:
         if not ranked.hypotheses:
             return None
         choice = choose(ranked.hypotheses, state.fit)
-        return (choice, ranked) if is_needed(state.fit, choice.best, ranked.by_chance) else None
+        return (choice, ranked) if is_needed(state.fit, choice.best, ranked.chance(choice.best.name)) else None
 
     def _added(self, state: State, choice: Choice, ranked: Ranked) -> State:
         hypothesis = choice.best
         model = with_candidate(state.model, hypothesis.label, hypothesis.candidate)
-        naming = Naming(hypothesis, choice, state.fit, ranked.hypotheses, by_chance=ranked.by_chance)
+        naming = Naming(hypothesis, choice, state.fit, ranked.hypotheses, by_chance=ranked.chance(hypothesis.name))
         return State(model, hypothesis.fit, (*state.named, naming), state, ranked)
 
 

@@ -2,14 +2,17 @@
 
 Where nothing is missing, what is left is noise and nuisances, which are drawn many times. For each draw every effect is
 scored at all its places, with the fitted parameters projected out, and the best of them counts. A name has to take more
-than that does once in a hundred.
+than the limit of its effect, and of a hundred draws one has an effect beyond its limit. All limits stand at one
+p-value: an effect with one number has a lower one than an effect that may sit anywhere.
 
 Sources: Davison and Hinkley, Bootstrap Methods and their Application (1997), ch. 4, on tests by simulation from the
-fitted null; Gross and Vitells, European Physical Journal C 70 (2010) 525, on the best of many places.
+fitted null; Westfall and Young, Resampling-Based Multiple Testing (1993), ch. 2, on the least p-value of many tests;
+Gross and Vitells, European Physical Journal C 70 (2010) 525, on the best of many places.
 """
 
 from collections.abc import Iterator
 
+import scipy.stats
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -72,3 +75,17 @@ def falls(
 def once_in_a_hundred(best: Float[Tensor, "n_effect n_draw"]) -> float:
     """The fall that the best of all effects exceeds in one of a hundred draws; 0 where none was scored."""
     return float(best.amax(0).quantile(1 - SETTINGS.screening.level)) if best.numel() else 0.0
+
+
+def limits(every: Float[Tensor, "n_effect n_draw"]) -> Float[Tensor, " n_effect"]:
+    """The fall of each effect at one p-value, so low that one draw of a hundred has an effect below it.
+
+    The p-values are those of χ² with as many degrees of freedom as an effect takes on average: exact where its numbers
+    add up; where it is the best of many places, the draws say how low the p-value has to be all the same.
+    """
+    if not every.numel():
+        return every.new_zeros(len(every))
+    n_number = every.mean(1).clamp(min=1e-6).numpy()
+    p_value = scipy.stats.chi2.sf(every.numpy(), n_number[:, None])
+    least = torch.from_numpy(p_value).amin(0).quantile(SETTINGS.screening.level)
+    return torch.from_numpy(scipy.stats.chi2.isf(float(least), n_number)).to(every)

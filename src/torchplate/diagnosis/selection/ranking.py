@@ -20,12 +20,12 @@ from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_n
 from torchplate.diagnosis.selection.details import Details
 from torchplate.diagnosis.selection.grounded import Grounded
 from torchplate.diagnosis.selection.instead import Instead
-from torchplate.diagnosis.selection.null import Draws, once_in_a_hundred
+from torchplate.diagnosis.selection.null import Draws, limits, once_in_a_hundred
 from torchplate.diagnosis.selection.refit import Refits
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
 from torchplate.diagnosis.selection.shortlist import best_of_each, contained, kept, promising
 from torchplate.diagnosis.selection.starts import beside_what_was_told, spread_out
-from torchplate.diagnosis.selection.trace import Ranked, State
+from torchplate.diagnosis.selection.trace import Ranked, State, chance_of
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import UNIFORM, Found
 from torchplate.model import PlateModel
@@ -96,8 +96,9 @@ class Ranking:
             promises, by_chance = self._nearby(here, base, everyone, before=state)
             # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
             much = bool(promises) and promises[0].drop > 1 - selecting.explains_much
-            best = promises[0].drop * state.fit.square if promises else 0.0
-            no_more = is_noise(state.fit) and best <= by_chance
+            no_more = is_noise(state.fit) and not any(
+                _exceeds_chance(one, state.fit.square, by_chance) for one in promises
+            )
             if is_noise(state.fit) and not no_more and not state.named and (scored := self.finer(state)) is not None:
                 return scored
             wanted = (0 if state.named else 1) if no_more else screening.n_sharp
@@ -124,7 +125,9 @@ class Ranking:
         hypotheses += self._refitted(state, chosen, hypotheses)
         hypotheses = best_of_each(hypotheses + self._again(state, hypotheses))
         # Beside noise, effects that are not needed are a check and no more.
-        if is_noise(state.fit) and not any(is_needed(state.fit, one, by_chance) for one in hypotheses):
+        if is_noise(state.fit) and not any(
+            is_needed(state.fit, one, chance_of(promises, one.name, by_chance)) for one in hypotheses
+        ):
             return Ranked(tuple(promises), tuple(hypotheses), by_chance, frozenset(self._far))
         ended: list[Hypothesis] = []
         ends = self._run_off(state, hypotheses)
@@ -213,7 +216,11 @@ class Ranking:
         promises = screen(builder, base, state.fit.theta, everyone, self.prior, near, draws, says, by_mesh)
         if draws is None:
             return promises, 0.0
-        by_chance = once_in_a_hundred(torch.stack([one.by_chance for one in promises if len(one.by_chance)]))
+        drawn = [one for one in promises if len(one.by_chance)]
+        every = torch.stack([one.by_chance for one in drawn])
+        by_chance = once_in_a_hundred(every)
+        limit = {id(one): at_most for one, at_most in zip(drawn, limits(every).tolist(), strict=True)}
+        promises = [one._replace(by_chance_at_most=limit.get(id(one), 0.0)) for one in promises]
         self.say(f"  chance alone would let the best of them take {by_chance:.3g} from the sum of squares")
         return promises, by_chance
 
@@ -263,9 +270,10 @@ class Ranking:
             chosen: candidates with their starts, the most promising first, but for simpler ones that they contain.
             by_chance: fall that chance alone exceeds once in a hundred times.
         """
-        above = [one for one in chosen if one[0].drop * state.fit.square > by_chance] or list(chosen[:1])
+        promises = [one for one, _ in chosen]
+        above = [one for one in chosen if _exceeds_chance(one[0], state.fit.square, by_chance)] or list(chosen[:1])
         found = self._refitted(state, above)
-        if any(is_needed(state.fit, one, by_chance) for one in found):
+        if any(is_needed(state.fit, one, chance_of(promises, one.name, by_chance)) for one in found):
             others = [one for one in chosen if all(one is not other for other in above)]
             found += self._refitted(state, others, found)
         return found
@@ -381,3 +389,8 @@ class Ranking:
             if least - found[0].cost < within:
                 break
         return found
+
+
+def _exceeds_chance(one: Scored, square: float, by_chance: float) -> bool:
+    """Whether an effect promises to take more from a sum of squares than chance lets it."""
+    return one.drop * square > (one.by_chance_at_most or by_chance)

@@ -45,6 +45,7 @@ class Scored(NamedTuple):
         signature: direction of its change, unit length.
         by_chance: what it would take from the sum of squares of each draw in which nothing is missing.
         by_mesh: what it would take from that of what the mesh may have left.
+        by_chance_at_most: what chance lets it take; 0 where so much is left that it was not asked.
     """
 
     candidate: Candidate
@@ -56,6 +57,7 @@ class Scored(NamedTuple):
     signature: Float[Tensor, " n_residual"]
     by_chance: Float[Tensor, " n_draw"]
     by_mesh: float = 0.0
+    by_chance_at_most: float = 0.0
 
 
 def screen(

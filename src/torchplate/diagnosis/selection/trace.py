@@ -1,6 +1,7 @@
 """Where forward selection stands, and everything that it has fitted."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -111,7 +112,11 @@ class Ranked:
 
         What it takes is the square of a projection, and those of noise and of the mesh add up at worst.
         """
-        return (math.sqrt(self.by_chance) + math.sqrt(one.by_mesh)) ** 2
+        return (math.sqrt(one.by_chance_at_most or self.by_chance) + math.sqrt(one.by_mesh)) ** 2
+
+    def chance(self, name: str) -> float:
+        """What chance lets an effect take from −2 ln L; that of the best of all where it was not scored by itself."""
+        return chance_of(self.promises, name, self.by_chance)
 
     def exceeds(self, one: Scored) -> float:
         """What an effect promises on a finer mesh over what chance and the mesh would let it take."""
@@ -121,3 +126,14 @@ class Ranked:
     def most_beyond(self) -> Scored | None:
         """The effect of which that is largest."""
         return max(self.promises, key=self.exceeds, default=None)
+
+
+def chance_of(promises: Sequence[Scored], name: str, best: float) -> float:
+    """What chance lets an effect take from −2 ln L.
+
+    Args:
+        promises: of the score test.
+        name: of the effect, whose options are all asked.
+        best: what it lets the best of all take, which counts where the effect was not scored by itself.
+    """
+    return max((one.by_chance_at_most for one in promises if one.candidate.name == name), default=0.0) or best
