@@ -177,7 +177,7 @@ def test_responses_that_are_cut_off_while_they_ring_are_said_to_leak(tmp_path, c
     told = {}
     for n, more in ((512, ()), (512, ("--exponential-window", "0.033")), (1000, ()), (4096, ())):
         paths = [wav(tmp_path / f"hit_{node}.wav", made.hit(node, n=n, noise=0.004, seed=node)) for node in (12, 7)]
-        options = ("--response", 7, 2, "--scale", FULL, FULL, "--out", tmp_path / "plate.uff")
+        options = ("--response", 7, 2, "--scale", FULL, FULL, "--out", tmp_path / "plate.uff", "--overwrite")
         status, told[n, bool(more)], _ = command("frf", *paths, *options, *more)
         assert status == 0
     short = told[512, False]

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from torchplate.cli.config import InputError
-from torchplate.cli.folder.writing import whole
+from torchplate.cli.folder.writing import asked_for
 from torchplate.measurement import (
     UFF_SUFFIX,
     Cutting,
@@ -41,6 +41,7 @@ class Conversion:
         windows: Over each hit.
         estimator: "H1", "H2" or "Hv".
         nodes: Table of the nodes' places.
+        overwrite: Another file that has the name of the result.
     """
 
     layout: Layout = field(default_factory=Layout)
@@ -49,6 +50,7 @@ class Conversion:
     windows: Windows = field(default_factory=Windows)
     estimator: Estimate = "H1"
     nodes: Path | None = None
+    overwrite: bool = False
 
 
 def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console | None = None) -> Measurement:
@@ -61,7 +63,7 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
         console: Where is said what was left out.
 
     Raises:
-        InputError: Something that was told cannot be.
+        InputError: Something that was told cannot be, or `out` holds something else.
         MeasurementError: A file cannot be used.
     """
     console = console or Console()
@@ -100,8 +102,7 @@ def _written(measurement: Measurement, out: Path, told: Conversion) -> Measureme
     """With its nodes' places, where they were told."""
     if told.nodes is not None:
         measurement = with_nodes(measurement, read_nodes(told.nodes), str(told.nodes))
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with whole(out) as partial:
+    with asked_for(out, force=told.overwrite, option="--overwrite") as partial:
         if out.suffix.lower() == ".npz":
             measurement.to_npz(partial)
         else:

@@ -7,7 +7,7 @@ import numpy as np
 from rich.console import Console
 
 from torchplate.cli.config import InputError
-from torchplate.cli.folder.writing import whole
+from torchplate.cli.folder.writing import asked_for
 from torchplate.cli.results.table import plain_table
 from torchplate.discrepancy import mac
 from torchplate.measurement import (
@@ -36,6 +36,8 @@ def modes(
     order: int = 40,
     nodes: Path | None = None,
     console: Console | None = None,
+    *,
+    force: bool = False,
 ) -> Analysed:
     """Estimate the modes of measured FRFs, print them, and write them if wanted.
 
@@ -47,9 +49,10 @@ def modes(
         order: modes at most that the polynomials can hold.
         nodes: table of the nodes' places [m].
         console: where is said what was found.
+        force: write over another file of that name.
 
     Raises:
-        InputError: `out` has another suffix, or the order is too low.
+        InputError: `out` has another suffix or holds something else, or the order is too low.
         MeasurementError: The FRFs cannot be used, or the package for it is not there.
     """
     console = console or Console()
@@ -63,8 +66,7 @@ def modes(
     found = analyse(measurement, lowest, highest, order)
     _say(found, console)
     if out is not None:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with whole(out) as partial:
+        with asked_for(out, force=force) as partial:
             write_modal_model(found.model, partial, out.suffix)
         console.print(f"Modes: {out}", highlight=False, markup=False, soft_wrap=True)
         key = f"measurement: {{modal_model: {{file: {shlex.quote(out.name)}}}{_frame(found.model)}}}"
