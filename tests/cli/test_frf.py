@@ -208,3 +208,24 @@ def test_a_window_that_was_laid_over_the_hits_stands_in_the_config(suffix, tmp_p
     recipe = load_run(Path("plate.yaml"))
     (said,) = [one for one in recipe.remarks(recipe.model()) if "windowed by" in one]
     assert "Add window: {effect: exponential_window, rate: 25}" in said
+
+
+def test_a_table_of_nodes_in_mm_gives_places_in_m(records, tmp_path, command):
+    (tmp_path / "nodes.csv").write_text("node,x [mm],y [mm]\n2,10,20\n7,130,40\n12,260,90\n")
+    words = (
+        "--response",
+        7,
+        2,
+        "--scale",
+        FULL,
+        FULL,
+        "--nodes",
+        tmp_path / "nodes.csv",
+        "--out",
+        tmp_path / "plate.uff",
+    )
+    status, text, _ = command("frf", *records, *words)
+    assert status == 0
+    assert f"places are taken in mm, as the head of {tmp_path / 'nodes.csv'} says." in text
+    places = {c.node: c.coordinate for c in read_measurement(tmp_path / "plate.uff").reference}
+    assert places[12] == pytest.approx((0.26, 0.09, 0.0), rel=1e-6)

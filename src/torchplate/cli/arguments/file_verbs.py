@@ -93,7 +93,9 @@ def _frf_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--force-window", type=number, metavar="S", help="the force counts as zero after it [s]")
     parser.add_argument("--exponential-window", type=number, metavar="S", help="time constant [s], on all channels")
     parser.add_argument("--keep-all", action="store_true", help="keep double hits and overloads")
-    parser.add_argument("--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of their places [m]")
+    parser.add_argument(
+        "--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of their places [m, or as its head says]"
+    )
 
 
 def _frf(parsed: Parsed) -> None:
@@ -132,7 +134,9 @@ def _modes_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--order", type=int, default=40, help="modes at most that the fitted polynomials can hold (default: 40)"
     )
-    parser.add_argument("--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of the places [m]")
+    parser.add_argument(
+        "--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of the places [m, or as its head says]"
+    )
 
 
 def _modes(parsed: Parsed) -> None:

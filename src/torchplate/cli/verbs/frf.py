@@ -22,9 +22,9 @@ from torchplate.measurement import (
     frf_of_hits,
     frfs_of_tables,
     read_frf_table,
-    read_nodes,
+    read_node_table,
     read_recordings,
-    with_nodes,
+    with_node_table,
     write_uff,
 )
 from torchplate.notation import counted
@@ -101,7 +101,7 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
 def _written(measurement: Measurement, out: Path, told: Conversion) -> Measurement:
     """With its nodes' places, where they were told."""
     if told.nodes is not None:
-        measurement = with_nodes(measurement, read_nodes(told.nodes), str(told.nodes))
+        measurement = with_node_table(measurement, read_node_table(told.nodes), "m")
     with asked_for(out, force=told.overwrite, option="--overwrite") as partial:
         if out.suffix.lower() == ".npz":
             measurement.to_npz(partial)

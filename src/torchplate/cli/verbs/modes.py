@@ -17,8 +17,8 @@ from torchplate.measurement import (
     ModalModel,
     propose,
     read_measurement,
-    read_nodes,
-    with_nodes,
+    read_node_table,
+    with_node_table,
     write_modal_model,
 )
 from torchplate.measurement import modes as analyse
@@ -62,7 +62,7 @@ def modes(
         raise InputError(f"--order {order}: Expected 4 or more, got {order}. Raise it.")
     measurement = read_measurement(file)
     if nodes is not None:
-        measurement = with_nodes(measurement, read_nodes(nodes), str(nodes))
+        measurement = with_node_table(measurement, read_node_table(nodes), "m")
     found = analyse(measurement, lowest, highest, order)
     _say(found, console)
     if out is not None:
