@@ -352,6 +352,20 @@ def test_the_unit_that_a_table_s_head_states_is_taken_by_new_and_by_the_config(r
     assert "--unit: Expected cm, as the head of" in error
 
 
+def test_what_is_proposed_next_can_be_copied_where_a_name_has_blanks(roved, tmp_path, command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    written(roved, tmp_path / "my test (2).uff", lambda p: p)
+    status, text, _ = command("new", "my test (2).uff", *PLATE)
+    assert status == 0
+    assert text.splitlines()[-1] == "Next: torchplate run 'my test (2).yaml'; torchplate diagnose 'my test (2).yaml'"
+    assert "`torchplate new 'my test (2).uff'`" in Path("my test (2).yaml").read_text()
+    rows = [f"{f},{f},0" for f in range(10, 60)]
+    Path("my frfs.csv").write_text("\n".join(["frequency,real,imag", *rows]))
+    status, text, _ = command("frf", "my frfs.csv", "--response", 3, "--reference", 4, "--out", "my frfs.uff")
+    assert status == 0
+    assert text.splitlines()[-1] == "Next: torchplate new 'my frfs.uff' --nodes nodes.csv"
+
+
 def test_a_config_that_exists_is_not_overwritten(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", lambda p: p)
     (tmp_path / "plate.yaml").write_text("mine")

@@ -2,6 +2,7 @@
 
 import math
 import os
+import shlex
 from pathlib import Path
 
 from rich.console import Console
@@ -117,6 +118,7 @@ def _say(draft: Draft, out: Path, console: Console) -> None:
         f"band {draft.band[0]:g} to {draft.band[1]:g} Hz, {draft.cells[0]} × {draft.cells[1]} elements, gain "
         f"{'known' if draft.gain_is_known else 'unknown'}"
     )
+    name = shlex.quote(str(out))
     console.print(
-        f"Next: torchplate run {out}; torchplate diagnose {out}", highlight=False, markup=False, soft_wrap=True
+        f"Next: torchplate run {name}; torchplate diagnose {name}", highlight=False, markup=False, soft_wrap=True
     )
