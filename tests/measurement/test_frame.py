@@ -1,5 +1,7 @@
 """A frame and a table of nodes put channels where they are on the plate."""
 
+import os
+import signal
 from dataclasses import replace
 
 import pytest
@@ -148,6 +150,18 @@ def test_a_unit_of_places_that_is_not_known_is_refused(head, word, tmp_path):
     path.write_text(f"{head}\n3,50,20\n")
     with pytest.raises(MeasurementError, match=f"one unit of length in the table's head.*got {word}. Write"):
         read_node_table(path)
+
+
+def test_a_table_that_is_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "nodes.csv")
+    before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("it waits"))
+    signal.alarm(5)
+    try:
+        with pytest.raises(MeasurementError, match="no file"):
+            read_node_table(tmp_path / "nodes.csv")
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_a_table_that_lacks_a_node_names_it(make_measurement):

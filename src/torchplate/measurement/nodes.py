@@ -113,6 +113,8 @@ def _lines(path: Path) -> list[str]:
     Raises:
         MeasurementError: It cannot be read.
     """
+    if path.exists() and not path.is_file():  # a pipe that nobody writes into would be waited for
+        raise MeasurementError(f"{path}: expected a table of nodes, got what is no file. Check the path.")
     try:
         return lines_of(path)
     except FileNotFoundError as error:

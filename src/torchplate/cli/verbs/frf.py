@@ -1,7 +1,8 @@
 """`torchplate frf RECORDS... --out FILE.uff`: from the time records of hits to FRFs, or from FRFs without nodes."""
 
 import re
-from collections import defaultdict
+import shlex
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -74,6 +75,7 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
             f"--reference: Expected one node for each of {len(records)} files, or one for all, got "
             f"{len(told.references)}. Correct it."
         )
+    _check_told(records, told)
     if not told.references:
         _check_names(records)
     tables = [read_frf_table(path) for path in records]
@@ -133,6 +135,23 @@ def _named_table(
     return measurement
 
 
+def _check_told(records: Sequence[Path], told: Conversion) -> None:
+    """Whether files and nodes can be meant.
+
+    Raises:
+        InputError: A file that is named twice, whose hits would agree with themselves; a node below 1.
+    """
+    twice = [path for path, number in Counter(path.resolve() for path in records).items() if number > 1]
+    if twice:
+        raise InputError(
+            f"{twice[0]}: Expected each file once, got it twice: its hits would be averaged with themselves. Leave one "
+            "out, or name the file that was meant."
+        )
+    for option, nodes in (("--response", told.layout.responses), ("--reference", told.references)):
+        if nodes and min(nodes) < 1:
+            raise InputError(f"{option}: Expected node labels, which count from 1, got {min(nodes)}. Correct it.")
+
+
 def _check_names(records: Sequence[Path]) -> None:
     """Whether the last number of each name can be the node that is hit.
 
@@ -185,7 +204,7 @@ def _say(measurement: Measurement, what: str, out: Path, console: Console, remar
     lines = [f"{what}, {first:.6g} to {last:.6g} Hz, {step}: {out}"]
     lines += [f"  Note: {note}" for note in (*measurement.notes, *remarks)]
     nodes = "" if measurement.response[0].coordinate is not None else " --nodes nodes.csv"
-    for line in (*lines, f"Next: torchplate new {out}{nodes}"):
+    for line in (*lines, f"Next: torchplate new {shlex.quote(str(out))}{nodes}"):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
