@@ -21,6 +21,7 @@ Map:
     placement: where each channel sits on the plate
     frame: where the plate lies in the file's coordinates
     nodes: a table of coordinates, for files without any
+    node_heads: the unit of length that the head of such a table states
     geometry: sides, axes and unit of the plate, proposed from the points of a test
     quality: driving points, reciprocity, coherence, noise between lines, peaks, suspicious channels
     plausibility: whether a model and a measurement can belong together: frequencies, kind and level
