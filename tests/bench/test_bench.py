@@ -60,7 +60,7 @@ def test_a_part_takes_the_place_of_what_was_written_of_it(tmp_path, monkeypatch)
     monkeypatch.setattr(command, "_in_own_process", found)
     (tmp_path / "bench.json").write_text(json.dumps({"gradient": {"1": "kept"}}))
     for size in (1.0, 2.0):
-        command.bench(tmp_path, ["memory"], Console(quiet=True))
+        command.bench(tmp_path, ["memory"], Console(quiet=True), force=True)
         written = json.loads((tmp_path / "bench.json").read_text())
         assert written["memory"]["1"]["peak_gib"] == size
         assert written["gradient"] == {"1": "kept"}

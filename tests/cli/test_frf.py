@@ -177,7 +177,7 @@ def test_responses_that_are_cut_off_while_they_ring_are_said_to_leak(tmp_path, c
     told = {}
     for n, more in ((512, ()), (512, ("--exponential-window", "0.033")), (1000, ()), (4096, ())):
         paths = [wav(tmp_path / f"hit_{node}.wav", made.hit(node, n=n, noise=0.004, seed=node)) for node in (12, 7)]
-        options = ("--response", 7, 2, "--scale", FULL, FULL, "--out", tmp_path / "plate.uff")
+        options = ("--response", 7, 2, "--scale", FULL, FULL, "--out", tmp_path / "plate.uff", "--overwrite")
         status, told[n, bool(more)], _ = command("frf", *paths, *options, *more)
         assert status == 0
     short = told[512, False]
@@ -208,3 +208,48 @@ def test_a_window_that_was_laid_over_the_hits_stands_in_the_config(suffix, tmp_p
     recipe = load_run(Path("plate.yaml"))
     (said,) = [one for one in recipe.remarks(recipe.model()) if "windowed by" in one]
     assert "Add window: {effect: exponential_window, rate: 25}" in said
+
+
+def test_a_file_that_is_named_twice_is_refused(records, tmp_path, command, monkeypatch):
+    """It would be averaged with itself, and have a coherence of 1."""
+    monkeypatch.chdir(tmp_path)
+    status, _, error = command("frf", records[1], records[1].name, "--response", 7, 2, "--out", "plate.uff")
+    assert (status, error.count("\n")) == (2, 1)
+    assert f"{records[1]}: Expected each file once" in error
+    assert not Path("plate.uff").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--response", 7, 0), "--response: Expected node labels, which count from 1, got 0"),
+        (("--response", 7, 2, "--reference", 0, 12), "--reference: Expected node labels, which count from 1, got 0"),
+        (("--response", -7, 2), "got -7"),
+    ],
+)
+def test_a_node_below_one_is_refused(options, words, records, tmp_path, command):
+    """A reference of 0 was taken for one that is not given."""
+    status, _, error = command("frf", *records, *options, "--out", tmp_path / "plate.uff")
+    assert (status, error.count("\n")) == (2, 1)
+    assert words in error
+
+
+def test_a_table_of_nodes_in_mm_gives_places_in_m(records, tmp_path, command):
+    (tmp_path / "nodes.csv").write_text("node,x [mm],y [mm]\n2,10,20\n7,130,40\n12,260,90\n")
+    words = (
+        "--response",
+        7,
+        2,
+        "--scale",
+        FULL,
+        FULL,
+        "--nodes",
+        tmp_path / "nodes.csv",
+        "--out",
+        tmp_path / "plate.uff",
+    )
+    status, text, _ = command("frf", *records, *words)
+    assert status == 0
+    assert f"places are taken in mm, as the head of {tmp_path / 'nodes.csv'} says." in text
+    places = {c.node: c.coordinate for c in read_measurement(tmp_path / "plate.uff").reference}
+    assert places[12] == pytest.approx((0.26, 0.09, 0.0), rel=1e-6)

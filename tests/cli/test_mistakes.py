@@ -391,6 +391,17 @@ MISTAKES = {
         ["line 2", "'plate: {effect: plate'", "not closed. Write }"],
         text=lambda _: "effects:\n  plate: {effect: plate\n  loss: {effect: hysteretic_damping}\n",
     ),
+    "number in octal": Mistake(
+        REFUSED,
+        ["a decimal number, got 011 in line 3, which YAML takes as octal, 9. Write 11."],
+        text=lambda _: "effects:\n  wires:\n    nodes: [2, 5, 011]\n",
+    ),
+    "number to the base 60": Mistake(
+        REFUSED,
+        ["got 1:30 in line 2, which YAML takes as a number to the base 60, 90"],
+        text=lambda _: "mesh:\n  length_x: 1:30\n",
+    ),
+    "octal in --set": Mistake(REFUSED, ["--set", "octal, 8"], arguments=("run", "plate.yaml", "--set", "mesh.n_x=010")),
     "thickness and side exchanged": Mistake(
         REFUSED,
         ["thickness", "shorter side, 0.0031 m, got 0.41", "Were the two exchanged?"],
@@ -532,7 +543,7 @@ def test_a_name_in_other_bytes_than_utf_8_is_said(bench, make_config, command, m
 
 
 def test_there_are_eight_dozen_of_them():
-    assert len(MISTAKES) >= 106
+    assert len(MISTAKES) >= 109
 
 
 @pytest.mark.parametrize(

@@ -326,6 +326,46 @@ def test_what_cannot_be_beside_the_points_is_refused_by_the_option_s_name(option
     assert not (tmp_path / "plate.yaml").exists()
 
 
+def test_the_unit_that_a_table_s_head_states_is_taken_by_new_and_by_the_config(roved, tmp_path, command):
+    """42 × 30 of something is taken for mm where nothing says so, a plate of a tenth of its sides."""
+    file = written(roved, tmp_path / "test.uff", None)
+    channels = {c.node: c.coordinate for c in (*roved.response, *roved.reference)}
+    rows = "\n".join(f"{node},{100 * x:g},{100 * y:g}" for node, (x, y, _) in sorted(channels.items()))
+    (tmp_path / "nodes.csv").write_text(f"node,x [cm],y [cm]\n{rows}\n")
+    more = ("--nodes", tmp_path / "nodes.csv", "--out", tmp_path / "plate.yaml")
+    status, text, _ = command("new", file, *PLATE, *more)
+    assert status == 0
+    assert "plate of 0.42 × 0.3 m" in text
+    assert f"  places are taken in cm, as the head of {tmp_path / 'nodes.csv'} says." in text
+    recipe = load_run(tmp_path / "plate.yaml")
+    found = recipe.measurement()
+    assert [c.coordinate for c in found.reference] == [pytest.approx(c.coordinate, abs=1e-6) for c in roved.reference]
+    assert any("as the head of" in remark for remark in found.notes)
+    # A config that a user has written: in m, without a frame; in inches, as of a drawing.
+    for frame in ({}, {"frame": {"unit": "in"}}):
+        raw = dict(recipe.raw) | {"measurement": {"file": "test.uff", "nodes": "nodes.csv"} | frame}
+        (tmp_path / "own.yaml").write_text(json.dumps(raw))
+        own = load_run(tmp_path / "own.yaml").measurement()
+        assert [c.coordinate for c in own.reference] == [pytest.approx(c.coordinate, abs=1e-6) for c in roved.reference]
+    status, _, error = command("new", file, *PLATE, *more, "--unit", "mm", "--overwrite")
+    assert (status, error.count("\n")) == (2, 1)
+    assert "--unit: Expected cm, as the head of" in error
+
+
+def test_what_is_proposed_next_can_be_copied_where_a_name_has_blanks(roved, tmp_path, command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    written(roved, tmp_path / "my test (2).uff", lambda p: p)
+    status, text, _ = command("new", "my test (2).uff", *PLATE)
+    assert status == 0
+    assert text.splitlines()[-1] == "Next: torchplate run 'my test (2).yaml'; torchplate diagnose 'my test (2).yaml'"
+    assert "`torchplate new 'my test (2).uff'`" in Path("my test (2).yaml").read_text()
+    rows = [f"{f},{f},0" for f in range(10, 60)]
+    Path("my frfs.csv").write_text("\n".join(["frequency,real,imag", *rows]))
+    status, text, _ = command("frf", "my frfs.csv", "--response", 3, "--reference", 4, "--out", "my frfs.uff")
+    assert status == 0
+    assert text.splitlines()[-1] == "Next: torchplate new 'my frfs.uff' --nodes nodes.csv"
+
+
 def test_a_config_that_exists_is_not_overwritten(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", lambda p: p)
     (tmp_path / "plate.yaml").write_text("mine")

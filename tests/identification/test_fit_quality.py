@@ -65,6 +65,38 @@ def test_a_sensor_upside_down_is_told_where_all_frfs_have_the_other_sign(bench, 
     assert not [one for one in tp.identify(model, frfs, search, **options).caveats if "sign of all FRFs" in one]
 
 
+@pytest.mark.parametrize("objective", ["log_amplitude", "relative_frf_norm"])
+@pytest.mark.parametrize("gain_is_unknown", [True, False])
+def test_phases_that_are_all_mirrored_are_told(bench, objective, gain_is_unknown):
+    """As of exp(−iωt), on lines that are too coarse for their peaks to tell which way time runs."""
+    frfs = bench.exact_frfs()
+    mirrored = type(frfs)(**{**vars(frfs), "frf": frfs.frf.conj().resolve_conj()})
+    model = bench.plate(["plate.youngs_modulus"])
+    search = tp.DifferentialEvolution(strategy="best/1/bin", n_member=10)
+    options = {"objective": objective, "gain_is_unknown": gain_is_unknown, "n_generation": 30}
+    said = [one for one in tp.identify(model, mirrored, search, **options).caveats if "phases of all FRFs" in one]
+    # A norm of amplitude and phase ends anywhere; decibels find the plate.
+    assert len(said) == 1 or objective != "log_amplitude"
+    assert all("complex conjugate" in one for one in said)
+    assert not [one for one in tp.identify(model, frfs, search, **options).caveats if "phases of all FRFs" in one]
+    opposite = type(frfs)(**{**vars(frfs), "frf": -frfs.frf})
+    assert not [one for one in tp.identify(model, opposite, search, **options).caveats if "phases of all FRFs" in one]
+
+
+def test_a_model_without_an_interval_is_told_of_mirrored_phases_too(bench):
+    frfs = bench.exact_frfs()
+    mirrored = type(frfs)(**{**vars(frfs), "frf": frfs.frf.conj().resolve_conj()})
+    (said,) = tp.identify(bench.plate(()), mirrored).caveats
+    assert said.startswith("With the phases of all FRFs mirrored the gap is 0 %") or "under 0.001 %" in said
+
+
+def test_frfs_beside_which_the_model_is_nothing_have_no_sign(bench):
+    """A gap of 100 % with either sign: in the last digits one of them is smaller."""
+    frfs = bench.exact_frfs()
+    large = type(frfs)(**{**vars(frfs), "frf": -1e6 * frfs.frf})
+    assert not tp.identify(bench.plate(()), large).caveats
+
+
 def test_the_effect_that_is_named_for_it_turns_all_channels(bench):
     model = bench.plate(())
     frfs = bench.exact_frfs()

@@ -1,5 +1,7 @@
 """A frame and a table of nodes put channels where they are on the plate."""
 
+import os
+import signal
 from dataclasses import replace
 
 import pytest
@@ -11,7 +13,9 @@ from torchplate.measurement import (
     MeasurementError,
     in_frame,
     read_measurement,
+    read_node_table,
     read_nodes,
+    with_node_table,
     with_nodes,
     write_uff,
 )
@@ -94,6 +98,70 @@ def test_a_table_that_is_none_is_refused_by_its_line(text, words, tmp_path):
     (tmp_path / "nodes.csv").write_text(text)
     with pytest.raises(MeasurementError, match=words):
         read_nodes(tmp_path / "nodes.csv")
+
+
+@pytest.mark.parametrize(
+    ("head", "unit"),
+    [
+        ("node,x [mm],y [mm]", "mm"),
+        ("Node;X (mm);Y (mm)", "mm"),
+        ("node\tx_mm\ty_mm", "mm"),
+        ("node x [mm] y [mm]", "mm"),
+        ("node x mm y mm", "mm"),
+        ("point,x/cm,y/cm", "cm"),
+        ("Punkt, Position X [mm], Position Y [mm]", "mm"),
+        ("label,x in inches,y in inches", "in"),
+        ("# node,x [Millimeter],y [Millimeter]", "mm"),
+        ("node,x,y\n-,cm,cm", "cm"),
+        ("node,x [m],y [m]", "m"),
+        ("node,x,y", None),
+        ("node,x_1,x_2", None),
+        ("# a plate of 3 mm", None),
+    ],
+)
+def test_the_head_of_a_table_states_the_unit_of_its_places(head, unit, tmp_path, make_measurement):
+    path = tmp_path / "nodes.csv"
+    rows = ["3,50,20", "17,110,190", "8,233,70"]
+    path.write_text("\n".join([head, *rows]) + "\n")
+    table = read_node_table(path)
+    assert table.unit == unit
+    # What states no unit is in the one that is asked for.
+    factor = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0, None: 1.0}[unit]
+    found = with_node_table(make_measurement(coordinates=False), table, "m")
+    assert found.reference[2].coordinate == pytest.approx((233 * factor, 70 * factor, 0.0), rel=1e-12)
+    assert [unit in note and "nodes.csv" in note for note in found.notes] == [True] * (unit is not None)
+    in_cm = with_node_table(make_measurement(coordinates=False), table, "cm")
+    shown = 100 * factor if unit else 1.0
+    assert in_cm.reference[2].coordinate == pytest.approx((233 * shown, 70 * shown, 0.0), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("head", "word"),
+    [
+        ("node,x [furlong],y [furlong]", "'furlong'"),
+        ("node,x_ft,y_ft", "'ft'"),
+        ("node,x [mm],y [cm]", "'mm' and 'cm'"),
+        ("node,x [-],y [-]", "'-'"),
+        ("node,x (%),y (%)", "'%'"),
+    ],
+)
+def test_a_unit_of_places_that_is_not_known_is_refused(head, word, tmp_path):
+    path = tmp_path / "nodes.csv"
+    path.write_text(f"{head}\n3,50,20\n")
+    with pytest.raises(MeasurementError, match=f"one unit of length in the table's head.*got {word}. Write"):
+        read_node_table(path)
+
+
+def test_a_table_that_is_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "nodes.csv")
+    before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("it waits"))
+    signal.alarm(5)
+    try:
+        with pytest.raises(MeasurementError, match="no file"):
+            read_node_table(tmp_path / "nodes.csv")
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_a_table_that_lacks_a_node_names_it(make_measurement):

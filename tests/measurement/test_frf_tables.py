@@ -78,6 +78,16 @@ THREE: dict[str, tuple[str, Callable[[Path], object]]] = {
 SINGLE: dict[str, tuple[str, Callable[[Path], object]]] = {
     "degrees": ("frf.csv", lambda p: p.write_text(table(POLAR))),
     "decibel": ("frf.csv", lambda p: p.write_text(table(DECIBEL, ";", ","))),
+    "decibel over a value": (
+        "frf.csv",
+        lambda p: p.write_text(
+            table({"f [Hz]": LINES, "Mag (dB re 1e-6 m/s2/N)": DECIBEL["Betrag [dB]"] + 120, "H1 °": POLAR["Phase"]})
+        ),
+    ),
+    "from high to low": (
+        "frf.csv",
+        lambda p: p.write_text(table({name: value[::-1] for name, value in POLAR.items()})),
+    ),
     "complex cells": (
         "frf.csv",
         lambda p: p.write_text(
@@ -116,6 +126,28 @@ def test_frfs_are_read_as_they_were_written(case, tmp_path):
 def test_an_array_of_responses_and_references_goes_by_its_shape(turned, tmp_path):
     np.savez(tmp_path / "frf.npz", freq=LINES, G=FRF.transpose(0, 2, 1) if turned else FRF)
     np.testing.assert_array_equal(named(tmp_path / "frf.npz", RESPONSE, REFERENCE).frf.numpy(), FRF)
+
+
+def test_lines_that_are_turned_round_are_said(tmp_path):
+    (tmp_path / "frf.csv").write_text(table({name: value[::-1] for name, value in POLAR.items()}))
+    found = read_frf_table(tmp_path / "frf.csv")
+    assert found is not None
+    assert found.notes == ("The lines go from high to low frequencies, and were turned round.",)
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        # Decibel that no head names: a level of −3 is an amplitude of 3, half a turn off.
+        (POLAR | {"Magnitude": DECIBEL["Betrag [dB]"]}, r"0 and above in 'Magnitude', got -.*'Magnitude \[dB\]'"),
+        ({"Freq": np.sort(np.r_[LINES, 40.0, 40.0])[:161]} | dict(list(POLAR.items())[1:]), "rise from line to line"),
+        ({"x [Hz]": np.roll(LINES, 7)} | dict(list(POLAR.items())[1:]), r"'x \[Hz\]', which repeats some or goes back"),
+    ],
+)
+def test_a_table_that_would_be_read_wrong_is_refused(columns, words, tmp_path):
+    (tmp_path / "frf.csv").write_text(table(columns))
+    with pytest.raises(MeasurementError, match=words):
+        read_frf_table(tmp_path / "frf.csv")
 
 
 def test_files_of_one_hit_each_go_together(tmp_path):

@@ -4,7 +4,10 @@ import errno
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import pytest
 import torch
@@ -114,7 +117,7 @@ def test_a_thread_that_finds_the_disk_full_prints_no_traceback(capsys, monkeypat
 @pytest.mark.parametrize(
     ("error", "status", "words"),
     [
-        (BrokenPipeError(errno.EPIPE, "Broken pipe"), 1, []),
+        (BrokenPipeError(errno.EPIPE, "Broken pipe"), 128 + signal.SIGPIPE, []),
         (OSError(errno.ENOSPC, "No space left on device"), 2, ["What is printed", "Make room"]),
         (MemoryError(), 2, ["memory", "Lower mesh.n_x"]),
         (
@@ -135,6 +138,34 @@ def test_what_the_machine_refuses_is_said(monkeypatch, capfd, error, status, wor
     stderr = capfd.readouterr().err
     assert stderr.count("\n") == (1 if words else 0)
     assert all(word in stderr for word in words)
+
+
+def ended(*words: str, into: int) -> tuple[int, str]:
+    """Exit status and what was said of a command that prints into a file's descriptor, as users have it: buffered."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    command = [sys.executable, "-m", "torchplate", *words]
+    done = subprocess.run(command, stdout=into, stderr=subprocess.PIPE, text=True, env=environment, check=False)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["effects", "point_mass"]], ids=" ".join)
+def test_a_reader_that_has_gone_ends_a_command_without_a_word(words):
+    """As `| head -1` is gone; rich prints the last, the parser the others."""
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        assert ended(*words, into=write) == (128 + signal.SIGPIPE, "")
+    finally:
+        os.close(write)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a disk that is always full is Linux's")
+@pytest.mark.parametrize("words", [["--version"], ["effects", "point_mass"]], ids=" ".join)
+def test_an_output_that_has_no_room_is_said_in_one_sentence(words):
+    with Path("/dev/full").open("w") as full_disk:
+        status, said = ended(*words, into=full_disk.fileno())
+    assert (status, said.count("\n")) == (2, 1)
+    assert "What is printed" in said
 
 
 def test_another_runtime_error_is_a_defect(monkeypatch):

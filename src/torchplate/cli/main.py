@@ -1,4 +1,4 @@
-"""The command line. Exit status 0: done; 2: the user's input cannot be used; 1: a defect of ours."""
+"""The command line. Exit status 0: done; 2: the input cannot be used; 1: a defect of ours; above 128: stopped."""
 
 import argparse
 import errno
@@ -56,12 +56,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status."""
     try:
         with _sigterm_raises(), _writers_are_quiet():
-            return _main(sys.argv[1:] if arguments is None else list(arguments))
+            return _told(sys.argv[1:] if arguments is None else list(arguments))
     except BrokenPipeError:
-        # Whoever read the output has gone; what Python still holds for it must not be said again at the end.
-        with suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+        return _unread()
+    except SystemExit as error:
+        # So rich ends where a pipe was closed, with the status of a defect.
+        if not isinstance(error.__context__, BrokenPipeError):
+            raise
+        return _unread()
     except (KeyboardInterrupt, _Terminated) as error:
         print(
             "Stopped. What was computed is in the run's folder; a population search and a diagnosis go on with "
@@ -69,6 +71,48 @@ def main(arguments: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 128 + (signal.SIGTERM if isinstance(error, _Terminated) else signal.SIGINT)
+
+
+def _told(given: list[str]) -> int:
+    """Run one verb; what was printed is out before this ends, and what the machine refuses is said."""
+    try:
+        try:
+            status = _main(given)
+        except SystemExit:  # of the parser, which has said what there is to say
+            _flush()
+            raise
+        _flush()
+        return status
+    except OSError as error:
+        if error.errno not in OUTSIDE:
+            raise
+        where = error.filename or "What is printed, or a file of the run"
+        what = f"{where}: Expected a place that can be read and written, got '{error.strerror}'."
+        print(f"{what} {OUTSIDE[error.errno]}.", file=sys.stderr)
+        if error.filename is None:
+            _forget_output()
+        return 2
+
+
+def _flush() -> None:
+    """Write what is still held of the output, which may have been closed from the start."""
+    if sys.stdout is not None and not sys.stdout.closed:
+        sys.stdout.flush()
+
+
+def _unread() -> int:
+    """Status where whoever read the output has gone, as `head` does: that of any command that so ends in a shell."""
+    _forget_output()
+    return 128 + getattr(signal, "SIGPIPE", 13)  # Windows has no such signal
+
+
+def _forget_output() -> None:
+    """What Python still holds for the reader is not tried again as it ends.
+
+    Source: the note on SIGPIPE in Python's documentation of the module signal.
+    """
+    with suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager
@@ -133,13 +177,6 @@ def _main(given: list[str]) -> int:
         VERBS[parsed.verb].call(parsed)
     except (InputError, MeasurementError) as error:
         print(plain(str(error)), file=sys.stderr)
-        return 2
-    except OSError as error:
-        if error.errno not in OUTSIDE:
-            raise
-        where = error.filename or "What is printed, or a file of the run"
-        what = f"{where}: Expected a place that can be read and written, got '{error.strerror}'."
-        print(f"{what} {OUTSIDE[error.errno]}.", file=sys.stderr)
         return 2
     except (MemoryError, RuntimeError) as error:
         if not _is_out_of_memory(error):

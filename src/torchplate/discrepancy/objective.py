@@ -137,6 +137,12 @@ class Objective:
         level = self.measure.gain(-frf, self._measured) if self.evidence.gain_is_unknown else frf.new_ones(()).real
         return relative_frf_norm(-level[..., None, None, None] * frf, self._measured) / self._measured.pairs.sum()
 
+    def mirrored_gap(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch"]:
+        """The gap to FRFs whose phases are mirrored, as of the time dependence exp(−iωt) [-]."""
+        frf = self.model.frf(theta, self._frequency).conj().resolve_conj()
+        level = self.measure.gain(frf, self._measured) if self.evidence.gain_is_unknown else frf.new_ones(()).real
+        return relative_frf_norm(level[..., None, None, None] * frf, self._measured) / self._measured.pairs.sum()
+
     def residual(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch n_residual"]:
         """Deviations as real numbers, for least squares: of FRFs, line by line, then of natural frequencies and shapes.
 

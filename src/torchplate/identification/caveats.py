@@ -3,7 +3,7 @@
 from torch import Tensor
 
 from torchplate.discrepancy import Objective, Sensitivity
-from torchplate.identification.fit_quality import NOTHING
+from torchplate.identification.fit_quality import NOTHING, PARTIAL
 from torchplate.measurement import assumed
 from torchplate.model import PlateModel
 from torchplate.notation import percent
@@ -12,6 +12,8 @@ from torchplate.notation import percent
 WIDE = 0.5
 # A MAC below this says that two shapes are not of one mode.
 UNLIKE = 0.7
+# Of a gap that mirrored phases leave: a quarter of its energy. Damping of the right sign leaves none that they take.
+MIRRORED = 0.5
 
 
 def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]:
@@ -65,11 +67,22 @@ def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]
 
 
 def of_sign(objective: Objective, theta: Tensor) -> list[str]:
-    """What is to be known where all FRFs have the other sign, if they have."""
-    if objective.evidence.measurement is None or float(objective.gap(theta)) < NOTHING:
+    """What is to be known where all FRFs have the other sign, or mirrored phases, if they have."""
+    if objective.evidence.measurement is None:
         return []
-    turned = float(objective.turned_gap(theta))
-    if not turned < NOTHING:
+    gap = float(objective.gap(theta))
+    if gap < PARTIAL:
+        return []
+    turned, mirrored = float(objective.turned_gap(theta)), float(objective.mirrored_gap(theta))
+    if mirrored < MIRRORED * min(gap, turned):
+        return [
+            f"With the phases of all FRFs mirrored the gap is {percent(mirrored)}: they are of exp(−iωt) where "
+            "exp(+iωt) is expected. Write the complex conjugate of each."
+        ]
+    if gap < NOTHING:
+        return []
+    # A model that moves next to nothing has a gap of 100 % with either sign.
+    if not turned < NOTHING or percent(turned) == percent(NOTHING):
         return []
     return [
         f"With the sign of all FRFs turned the gap is {percent(turned)}: a sensor is mounted upside down, or a "

@@ -21,6 +21,7 @@ Map:
     placement: where each channel sits on the plate
     frame: where the plate lies in the file's coordinates
     nodes: a table of coordinates, for files without any
+    node_heads: the unit of length that the head of such a table states
     geometry: sides, axes and unit of the plate, proposed from the points of a test
     quality: driving points, reciprocity, coherence, noise between lines, peaks, suspicious channels
     plausibility: whether a model and a measurement can belong together: frequencies, kind and level
@@ -53,7 +54,7 @@ from torchplate.measurement.modal_analysis import Analysed, modes
 from torchplate.measurement.modal_model import ModalModel, is_modal_table, read_modal_table
 from torchplate.measurement.modal_test import Hammer, hammer_test
 from torchplate.measurement.natural_frequencies import SCATTER, NaturalFrequencies, assumed, with_std
-from torchplate.measurement.nodes import read_nodes, with_nodes
+from torchplate.measurement.nodes import NodeTable, read_node_table, read_nodes, with_node_table, with_nodes
 from torchplate.measurement.noise import Noise, noise_level
 from torchplate.measurement.placement import Match, Placement, place, place_points
 from torchplate.measurement.plausibility import disagreements
@@ -106,6 +107,7 @@ __all__ = [
     "MeasurementError",
     "ModalModel",
     "NaturalFrequencies",
+    "NodeTable",
     "Noise",
     "Part",
     "Placement",
@@ -140,11 +142,13 @@ __all__ = [
     "read_measurement",
     "read_modal_model",
     "read_modal_table",
+    "read_node_table",
     "read_nodes",
     "read_recordings",
     "read_uff",
     "simulate",
     "summed_amplitude",
+    "with_node_table",
     "with_nodes",
     "with_std",
     "write_modal_model",

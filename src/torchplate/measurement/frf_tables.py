@@ -29,6 +29,10 @@ PARTS: Final = {
     "coherence": frozenset({"coh", "coherence", "gamma", "cxy", "kohärenz"}),
 }
 """Words in a head or a name, by what the column or array is."""
+PLAIN: Final = frozenset({"freq", "freqs", "frequency", "frequencies", "frequenz", "hz"})
+"""Names of a frequency axis that nothing else has: f may be a force, w a response."""
+DECIBEL_OVER: Final = re.compile(r"dB\W+(?:re|rel|ref)\b[.:\s]*(\d[\d.]*(?:[eE][-+]?\d+)?)", re.IGNORECASE)
+"""Decibel over a value, as dB re 1e-6 m/s²/N."""
 OTHER_HALF: Final = {"real": "imaginary", "amplitude": "phase"}
 
 
@@ -133,6 +137,15 @@ def _of_columns(path: Path) -> tuple[np.ndarray, list[str], list[_Column]] | Non
     names, units = headed([cells for cells in heads if len(cells) == len(table)], len(table))
     rises = [bool((np.diff(value.real) > 0).all()) for value in table]
     at = next((i for i, up in enumerate(rises) if up and _is_frequency(names[i], units[i])), None)
+    notes = []
+    if at is None and (at := _axis_that_does_not_rise(names, units)) is not None:
+        if not bool((np.diff(table[at].real) < 0).all()):
+            raise MeasurementError(
+                f"{path}: expected frequencies that rise from line to line, got {names[at]!r}, which repeats some or "
+                "goes back. Sort the lines and remove those that come twice."
+            )
+        table = table[:, ::-1]
+        notes.append("The lines go from high to low frequencies, and were turned round.")
     if at is None or at + 1 == len(names):
         return None
     hertz = hertz_of(units[at])
@@ -143,7 +156,7 @@ def _of_columns(path: Path) -> tuple[np.ndarray, list[str], list[_Column]] | Non
         if i > at:
             complex_one = bool(np.iscomplexobj(value) and value.imag.any())
             columns.append(_Column(name, "complex" if complex_one else _part_of(name), unit, value))
-    return hertz * table[at].real, [], [replace(one, value=_real(one)) for one in columns]
+    return hertz * table[at].real, notes, [replace(one, value=_real(one)) for one in columns]
 
 
 def _assembled(path: Path, frequency: np.ndarray, notes: list[str], columns: Sequence[_Column]) -> FrfTable | None:
@@ -161,7 +174,7 @@ def _assembled(path: Path, frequency: np.ndarray, notes: list[str], columns: Seq
                     "its phase. Export real and imaginary parts."
                 )
             others.remove(other)
-            found.append(one.value + 1j * other.value if first == "real" else _polar(one, other, notes))
+            found.append(one.value + 1j * other.value if first == "real" else _polar(path, one, other, notes))
             units.append(one.unit if first == "real" or not _is_decibel(one) else "")
     if not found:
         names = ", ".join(one.name for one in columns) or "nothing else"
@@ -177,11 +190,18 @@ def _assembled(path: Path, frequency: np.ndarray, notes: list[str], columns: Seq
     return FrfTable(frequency, whole, next(filter(None, units), ""), told, tuple(dict.fromkeys(notes)))
 
 
-def _polar(amplitude: _Column, phase: _Column, notes: list[str]) -> np.ndarray:
+def _polar(path: Path, amplitude: _Column, phase: _Column, notes: list[str]) -> np.ndarray:
     level = amplitude.value.real
     if _is_decibel(amplitude):
-        notes.append("Levels in dB were taken as 20 log of the FRF in SI units.")
-        level = 10 ** (level / 20)
+        over = DECIBEL_OVER.search(amplitude.name) or DECIBEL_OVER.search(amplitude.unit)
+        unit = "the FRF in SI units" if over is None else f"the FRF over {over.group(1)} in SI units"
+        notes.append(f"Levels in dB were taken as 20 log of {unit}.")
+        level = 10 ** (level / 20) * (1.0 if over is None else float(over.group(1)))
+    elif bool((level < 0).any()):
+        raise MeasurementError(
+            f"{path}: expected amplitudes of 0 and above in {amplitude.name!r}, got {level.min():.4g}. If they are "
+            f"levels in dB, name the column '{amplitude.name} [dB]'."
+        )
     words = {*_words(phase.name), *_words(phase.unit)}
     # An FRF goes through half a turn at least, which is 3 in radians and 180 in degrees.
     degrees = bool(words & {"deg", "degree", "degrees", "grad"} or "°" in phase.name + phase.unit)
@@ -276,11 +296,27 @@ def _words(name: str) -> list[str]:
 
 def _part_of(name: str) -> str:
     words = set(_words(name))
+    if "db" in words:  # before what it is over: dB re 1e-6
+        return "amplitude"
+    if "°" in name and not words & PARTS["amplitude"]:
+        return "phase"
     return next((part for part, known in PARTS.items() if words & known), "")
 
 
 def _is_frequency(name: str, unit: str) -> bool:
-    return (_words(name)[:1] or [""])[0] in FREQUENCY or (unit != "" and hertz_of(unit) is not None)
+    return (_words(name)[:1] or [""])[0] in FREQUENCY or _is_hertz(unit)
+
+
+def _axis_that_does_not_rise(names: Sequence[str], units: Sequence[str]) -> int | None:
+    """The column that is a frequency axis by its name, or by its unit."""
+    words = [(_words(name)[:1] or [""])[0] for name in names]
+    return next(
+        (i for i, (word, unit) in enumerate(zip(words, units, strict=True)) if word in PLAIN or _is_hertz(unit)), None
+    )
+
+
+def _is_hertz(unit: str) -> bool:
+    return unit != "" and hertz_of(unit) is not None
 
 
 def _is_decibel(one: _Column) -> bool:

@@ -17,13 +17,13 @@ from torchplate.measurement.measurement import Channel, Measurement
 from torchplate.notation import percent
 
 SAME_PLACE: Final = 1e-4
+"""Two coordinates closer than this [m] are one place: a tenth of a millimetre, less than a hammer tip."""
 # Energy of impulse responses before time zero over that after it. Noise in a single FRF of 32 lines comes to ten times
 # with a probability of 1e-7; the energy of a peak as wide as a line falls by e^π within the time that the lines span.
 BACKWARDS: Final = 10.0
 # No plate that is hung up and hit is larger [m].
 LARGEST: Final = 20.0
 CONJUGATE: Final = "time runs backwards in the FRFs, as where exp(−iωt) is meant for exp(+iωt)"
-"""Two coordinates closer than this [m] are one place: a tenth of a millimetre, less than a hammer tip."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def main(pictures: Path | None = None) -> int:
     """
     console = Console()
     try:
-        simulate(CONFIGS / "hidden_effect_truth.yaml", FOLDER / "virtual_test.uff", console=console)
+        simulate(CONFIGS / "hidden_effect_truth.yaml", FOLDER / "virtual_test.uff", console=console, force=True)
         diagnose(CONFIGS / "hidden_effect.yaml", FOLDER / "diagnosis", console=console, force=True)
     except (InputError, MeasurementError) as error:
         print(error, file=sys.stderr)

@@ -28,7 +28,7 @@ def main() -> int:
     console = Console()
     began = time.monotonic()
     try:
-        simulate(CONFIGS / "virtual_plate.yaml", RUNS / "steel_plate" / "virtual_test.uff", console=console)
+        simulate(CONFIGS / "virtual_plate.yaml", RUNS / "steel_plate" / "virtual_test.uff", console=console, force=True)
         for name in ("steel_plate", "measured_frequencies"):
             config = CONFIGS / f"{name}.yaml"
             folders = [RUNS / name / DE, RUNS / name / ABC]
@@ -41,7 +41,7 @@ def main() -> int:
             if colony.returncode:
                 return colony.returncode  # its own process has said why
             console.rule(f"{name}: side by side")
-            compare(folders, console=console)
+            compare(folders, console=console, force=True)
     except (InputError, MeasurementError) as error:
         print(error, file=sys.stderr)
         return 2

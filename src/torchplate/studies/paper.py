@@ -88,7 +88,7 @@ def table_5(console: Console) -> None:
 def identification(console: Console) -> None:
     """DE and ABC over twenty seeds on six FRFs of a virtual test, three times."""
     test = Path("runs/steel_plate/virtual_test.uff")
-    simulate(CONFIGS / "virtual_plate.yaml", test, console=console)
+    simulate(CONFIGS / "virtual_plate.yaml", test, console=console, force=True)
     variations = {
         "paper_mesh": ([], N_SEED),
         "finer_mesh": (["mesh.refine=2"], N_SEED_VARIED),
@@ -150,7 +150,7 @@ def _twice(console: Console, name: str, config: str, overrides: Sequence[str], n
         console.rule(f"{name}: {search}, {n_seed} seeds")
         chosen = [*overrides, setting.format(n=n_seed), "log.n_figure=0"]
         folders.append(run(CONFIGS / config, OUT / name / search, chosen, console=console, force=True).folder)
-    (groups,) = compare(folders, console=console)
+    (groups,) = compare(folders, console=console, force=True)
     return groups
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, number
+from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, number, overwriting
 
 
 def _new_arguments(parser: ArgumentParser) -> None:
@@ -31,7 +31,7 @@ def _new_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--kind", choices=list(KINDS), help="of the FRFs, where the file does not say")
     parser.add_argument("--out", type=Path, metavar="CONFIG.yaml", help="the config (default: the file's name .yaml)")
-    parser.add_argument("--force", action="store_true", help="write over a config that is there")
+    overwriting(parser, "a config that is there and another")
 
 
 def _new(parsed: Parsed) -> None:
@@ -49,18 +49,19 @@ def _new(parsed: Parsed) -> None:
         edges=tuple(parsed.edge),
         kind=parsed.kind,
     )
-    new(parsed.file, wishes, parsed.out, force=parsed.force)
+    new(parsed.file, wishes, parsed.out, force=parsed.overwrite)
 
 
 def _inspect_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help=".uff, .unv, .npz, or time records: .wav, .mat, .csv, .lvm")
     parser.add_argument("--out", type=Path, help="folder of the figure (default: runs/inspect)")
+    overwriting(parser, "another figure in --out; that in runs/inspect is always made anew")
 
 
 def _inspect(parsed: Parsed) -> None:
     from torchplate.cli.verbs.inspect import inspect
 
-    inspect(parsed.file, parsed.out)
+    inspect(parsed.file, parsed.out, force=parsed.overwrite)
 
 
 def _frf_arguments(parser: ArgumentParser) -> None:
@@ -68,6 +69,7 @@ def _frf_arguments(parser: ArgumentParser) -> None:
 
     parser.add_argument("records", type=Path, nargs="+", metavar="RECORDS", help=".uff, .wav, .mat, .npz, .csv or .lvm")
     parser.add_argument("--out", type=Path, required=True, help="the file to write: .uff or .npz")
+    overwriting(parser, "another file of that name", force_is_a_channel=True)
     parser.add_argument("--estimator", choices=list(ESTIMATES), default="H1", help="(default: H1)")
     parser.add_argument(
         "--force",
@@ -91,7 +93,9 @@ def _frf_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--force-window", type=number, metavar="S", help="the force counts as zero after it [s]")
     parser.add_argument("--exponential-window", type=number, metavar="S", help="time constant [s], on all channels")
     parser.add_argument("--keep-all", action="store_true", help="keep double hits and overloads")
-    parser.add_argument("--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of their places [m]")
+    parser.add_argument(
+        "--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of their places [m, or as its head says]"
+    )
 
 
 def _frf(parsed: Parsed) -> None:
@@ -114,6 +118,7 @@ def _frf(parsed: Parsed) -> None:
             windows=Windows(parsed.force_window, parsed.exponential_window),
             estimator=parsed.estimator,
             nodes=parsed.nodes,
+            overwrite=parsed.overwrite,
         )
     except ValueError as error:
         raise InputError(str(error)) from None
@@ -123,18 +128,22 @@ def _frf(parsed: Parsed) -> None:
 def _modes_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help=".uff, .unv or .npz with FRFs")
     parser.add_argument("--out", type=Path, metavar="MODES", help="the file to write: .csv, or .uff with datasets 55")
+    overwriting(parser, "another file of that name")
     parser.add_argument("--lowest", type=number, metavar="HZ", help="end of the band (default: the measurement's)")
     parser.add_argument("--highest", type=number, metavar="HZ", help="the other end")
     parser.add_argument(
         "--order", type=int, default=40, help="modes at most that the fitted polynomials can hold (default: 40)"
     )
-    parser.add_argument("--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of the places [m]")
+    parser.add_argument(
+        "--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of the places [m, or as its head says]"
+    )
 
 
 def _modes(parsed: Parsed) -> None:
     from torchplate.cli.verbs.modes import modes
 
-    modes(parsed.file, parsed.out, parsed.lowest, parsed.highest, parsed.order, parsed.nodes)
+    band = parsed.lowest, parsed.highest
+    modes(parsed.file, parsed.out, *band, parsed.order, parsed.nodes, force=parsed.overwrite)
 
 
 FILE_VERBS: Final = {

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, number
+from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, number, overwriting
 
 
 def _config(parser: ArgumentParser, help: str = "YAML file") -> None:
@@ -27,7 +27,7 @@ def _folder(parser: ArgumentParser, what: str, resume: str) -> None:
     parser.add_argument("--out", type=Path, help="the folder (default: runs/<config name>/<time>)")
     _device(parser)
     parser.add_argument("--resume", action="store_true", help=f"{resume}, in --out or in the latest folder")
-    parser.add_argument("--force", action="store_true", help=f"write over what an earlier {what} has left in --out")
+    overwriting(parser, f"what an earlier {what} has left in --out")
 
 
 def _run_arguments(parser: ArgumentParser) -> None:
@@ -41,7 +41,9 @@ def _run(parsed: Parsed) -> None:
 
     with join(parsed.device) as ranks:
         if ranks is None or ranks.rank == 0:
-            run(parsed.config, parsed.out, parsed.set, parsed.device, parsed.resume, ranks=ranks, force=parsed.force)
+            run(
+                parsed.config, parsed.out, parsed.set, parsed.device, parsed.resume, ranks=ranks, force=parsed.overwrite
+            )
         else:
             follow(ranks)
 
@@ -66,7 +68,7 @@ def _diagnose(parsed: Parsed) -> None:
         parsed.out,
         parsed.set,
         parsed.device,
-        force=parsed.force,
+        force=parsed.overwrite,
         resume=parsed.resume,
         since=parsed.since,
     )
@@ -82,7 +84,7 @@ def _plan_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--masses", type=number, nargs="+", default=[], metavar="KG", help="pieces that there are [kg]; else proposed"
     )
-    parser.add_argument("--force", action="store_true", help="write over an earlier plan")
+    overwriting(parser, "an earlier plan")
     _device(parser)
 
 
@@ -95,7 +97,7 @@ def _plan(parsed: Parsed) -> None:
         lab = Lab(can=tuple(parsed.can or KINDS), masses=tuple(parsed.masses))
     except ValueError as error:
         raise InputError(f"--masses: {error}") from None
-    plan(parsed.config, parsed.out, parsed.set, parsed.source, lab, force=parsed.force, device=parsed.device)
+    plan(parsed.config, parsed.out, parsed.set, parsed.source, lab, force=parsed.overwrite, device=parsed.device)
 
 
 def _compare_arguments(parser: ArgumentParser) -> None:
@@ -103,23 +105,25 @@ def _compare_arguments(parser: ArgumentParser) -> None:
         "runs", type=Path, nargs="+", metavar="RUN_DIR", help="folders of finished runs, or a folder above such"
     )
     parser.add_argument("--out", type=Path, help="where the comparison goes (default: the folder above the runs)")
+    overwriting(parser, "a comparison of other runs")
 
 
 def _compare(parsed: Parsed) -> None:
     from torchplate.cli.verbs.compare import compare
 
-    compare(parsed.runs, parsed.out)
+    compare(parsed.runs, parsed.out, force=parsed.overwrite)
 
 
 def _simulate_arguments(parser: ArgumentParser) -> None:
     _config(parser, "YAML file; numbers only")
     parser.add_argument("--out", type=Path, required=True, help="the file to write: .uff or .npz")
+    overwriting(parser, "another file of that name")
 
 
 def _simulate(parsed: Parsed) -> None:
     from torchplate.cli.verbs.simulate import simulate
 
-    simulate(parsed.config, parsed.out, parsed.set)
+    simulate(parsed.config, parsed.out, parsed.set, force=parsed.overwrite)
 
 
 RUN_VERBS: Final = {

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb
+from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, overwriting
 
 
 def _keys_arguments(parser: ArgumentParser) -> None:
@@ -30,6 +30,7 @@ def _bench_arguments(parser: ArgumentParser) -> None:
     from torchplate.cli.verbs.bench import PARTS
 
     parser.add_argument("--out", type=Path, help="folder of bench.json (default: runs/bench)")
+    overwriting(parser, "the same parts in --out; those in runs/bench are always timed anew")
     parser.add_argument(
         "--part", action="append", default=[], choices=list(PARTS), help="only this part (may be repeated)"
     )
@@ -38,7 +39,7 @@ def _bench_arguments(parser: ArgumentParser) -> None:
 def _bench(parsed: Parsed) -> None:
     from torchplate.cli.verbs.bench import bench
 
-    bench(parsed.out, parsed.part)
+    bench(parsed.out, parsed.part, force=parsed.overwrite)
 
 
 TELLING_VERBS: Final = {

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 ArgumentParser = argparse.ArgumentParser
 Parsed = argparse.Namespace
+OVERWRITE = "--overwrite"
 
 
 def number(text: str) -> float:
@@ -20,6 +21,18 @@ def number(text: str) -> float:
     if not math.isfinite(found):
         raise argparse.ArgumentTypeError(f"expected a finite number, got '{text}'")
     return found
+
+
+def overwriting(parser: ArgumentParser, what: str, *, force_is_a_channel: bool = False) -> None:
+    """The option that lets a verb write over what is there: one rule for all of them, and one word that all take.
+
+    Args:
+        parser: of the verb.
+        what: is written over.
+        force_is_a_channel: `--force` has another meaning for this verb.
+    """
+    names = [OVERWRITE] if force_is_a_channel else ["--force", OVERWRITE]
+    parser.add_argument(*names, dest="overwrite", action="store_true", help=f"write over {what}")
 
 
 @dataclass(frozen=True)

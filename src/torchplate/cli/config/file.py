@@ -77,6 +77,8 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, An
     if (comma := _decimal_comma(node)) is not None:
         written, meant, line = comma
         raise InputError(f"{path}: Expected a decimal point, got {written} in line {line}. Write {meant}.")
+    if (said := _other_base(node)) is not None:
+        raise InputError(f"{path}: {said}")
     if not isinstance(raw, dict):
         came = "an empty file" if raw is None else "a list" if isinstance(raw, list) else f"the text {str(raw)[:40]!r}"
         raise InputError(f"{path}: Expected keys such as mesh and effects, got {came}. `torchplate keys` lists them.")
@@ -157,6 +159,23 @@ def _decimal_comma(node: yaml.Node | None) -> tuple[str, str, int] | None:
             return found
         before = value.value if isinstance(value, yaml.ScalarNode) else ""
     return None
+
+
+def _other_base(node: yaml.Node | None) -> str | None:
+    """A number that YAML 1.1 takes to another base than people do, in a sentence: 011 is 9, 1:30 is 90."""
+    if isinstance(node, yaml.ScalarNode):
+        is_number = node.style is None and node.tag in ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+        if is_number and re.fullmatch(r"[-+]?0[0-7_]+", node.value):
+            base, meant = f"octal, {yaml.safe_load(node.value)}", node.value.replace("0", "", 1).lstrip("0_") or "0"
+        elif is_number and ":" in node.value:
+            base, meant = f"a number to the base 60, {yaml.safe_load(node.value):g}", "the number alone"
+        else:
+            return None
+        where = f"{node.value} in line {node.start_mark.line + 1}"
+        return f"Expected a decimal number, got {where}, which YAML takes as {base}. Write {meant}."
+    inner = [part for pair in node.value for part in pair] if isinstance(node, yaml.MappingNode) else []
+    inner = list(node.value) if isinstance(node, yaml.SequenceNode) else inner
+    return next((found for one in inner if (found := _other_base(one))), None)
 
 
 def _size(node: yaml.Node | None, depth: int = 0) -> int:
@@ -261,5 +280,7 @@ def _override(raw: dict[str, Any], text: str) -> None:
         if isinstance(error, InputError):
             raise
         raise InputError(f"--set {text}: Expected a YAML value, got '{value}'. Put it in quotes.") from None
+    if (said := _other_base(node)) is not None:
+        raise InputError(f"--set {text}: {said}")
     if twice is not None:
         raise InputError(f"--set {text}: Expected each key once, got {twice[0]} twice. Keep one of them.")

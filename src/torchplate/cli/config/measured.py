@@ -19,8 +19,8 @@ from torchplate.measurement import (
     place,
     read_measurement,
     read_modal_model,
-    read_nodes,
-    with_nodes,
+    read_node_table,
+    with_node_table,
 )
 from torchplate.nearest import nearest
 
@@ -86,7 +86,7 @@ class Measured(Recipe):
         frfs = self.told("measurement.file", lambda: read_measurement(path, settings.kind, frame.normal))
         if settings.nodes is not None:
             table = self.path.parent / settings.nodes
-            frfs = self.told("measurement.nodes", lambda: with_nodes(frfs, read_nodes(table), str(table)))
+            frfs = self.told("measurement.nodes", lambda: with_node_table(frfs, read_node_table(table), frame.unit))
         if settings.frame is not None:
             frfs = in_frame(frfs, frame)
         return frfs
@@ -138,7 +138,7 @@ class Measured(Recipe):
         found = self.told("measurement.modal_model", lambda: read_modal_model(path, frame.normal))
         if settings.nodes is not None:
             table = self.path.parent / settings.nodes
-            nodes = self.told("measurement.nodes", lambda: read_nodes(table))
+            nodes = self.told("measurement.nodes", lambda: read_node_table(table).scaled(frame.unit))
             if missing := sorted({one.node for one in found.point} - set(nodes)):
                 raise self.error(
                     "measurement.nodes",

@@ -12,7 +12,7 @@ import torch
 from torchplate.cli.config import InputError, dump
 from torchplate.cli.config.build import Run, load_run
 from torchplate.cli.folder.checkpoint import fault
-from torchplate.cli.folder.writing import write_text
+from torchplate.cli.folder.writing import FORCE, write_text
 from torchplate.cli.machine.installed import version_of
 from torchplate.search import Checkpoint, LeastSquares, Optimizer
 
@@ -63,9 +63,10 @@ def check_free(folder: Path, verb: str, *, force: bool = False, resume: bool = F
         return
     for name in PRODUCTS[verb]:
         if (folder / name).exists():
+            on = "" if verb == "plan" else " or --resume to go on from it"
             raise InputError(
                 f"--out {folder}: Expected a folder without results, got one that holds {name}. Name another, or give "
-                "--force to write over it or --resume to go on from it."
+                f"{FORCE} to write over it{on}."
             )
 
 

@@ -19,7 +19,8 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from torchplate.bench import air, generation, gradient, identification, memory, slopes
-from torchplate.cli.folder.writing import whole, write_text
+from torchplate.cli.config import InputError
+from torchplate.cli.folder.writing import whole, would_be_lost, write_text
 from torchplate.cli.results.table import plain_table
 from torchplate.notation import percent
 
@@ -33,19 +34,28 @@ PARTS: dict[str, Callable[[], Any]] = {
 }
 
 
-def bench(out: Path | None = None, parts: Sequence[str] = (), console: Console | None = None) -> dict[str, Any]:
+def bench(
+    out: Path | None = None, parts: Sequence[str] = (), console: Console | None = None, *, force: bool = False
+) -> dict[str, Any]:
     """Time, print and write `bench.json` and `slopes.png`.
 
     Args:
         out: the folder; `runs/bench` if left out.
         parts: of PARTS, which take the place of what `bench.json` there holds of them; all if left out.
         console: where the tables go.
+        force: time parts anew that `bench.json` in `out` holds; in `runs/bench` they always are.
+
+    Raises:
+        InputError: if it holds one of them.
     """
-    console, out = console or Console(), out or Path("runs/bench")
+    console, named, out = console or Console(), out is not None, out or Path("runs/bench")
     out.mkdir(parents=True, exist_ok=True)
     n_core = os.cpu_count() or 1
     path = out / "bench.json"
-    result: dict[str, Any] = json.loads(path.read_text()) if parts and path.exists() else {}
+    earlier = _earlier(path)
+    if named and not force and not earlier.keys().isdisjoint(parts or PARTS):
+        raise would_be_lost(path)
+    result = earlier if parts else {}
     result |= {
         "schema": "torchplate.bench/2",
         "versions": {name: version(name) for name in ("torch", "scipy", "numpy")},
@@ -65,6 +75,21 @@ def bench(out: Path | None = None, parts: Sequence[str] = (), console: Console |
             slopes_figure(result["slopes"]["1"]).savefig(partial, format="png", dpi=110)
     console.print(f"Written: {path}", soft_wrap=True)
     return result
+
+
+def _earlier(path: Path) -> dict[str, Any]:
+    """What an earlier bench has written; nothing where none has.
+
+    Raises:
+        InputError: if it is another file.
+    """
+    try:
+        found = json.loads(path.read_text()) if path.exists() else {}
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise InputError(f"--out {path}: Expected the JSON of an earlier bench, got another file. Name another folder.")
+    return found
 
 
 def slopes_figure(found: Mapping[str, Any]) -> Figure:

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from torchplate.cli.config import InputError
-from torchplate.cli.folder.writing import write_files
+from torchplate.cli.folder.writing import check_kept, write_files
 from torchplate.cli.results.finished import RESULT, Finished, by_plate, differences, finished_below, read_finished
 from torchplate.cli.results.gathered import gathered
 from torchplate.cli.results.table import plain_table
@@ -18,7 +18,7 @@ from torchplate.report import Table as Block
 
 
 def compare(
-    folders: Sequence[Path], out: Path | None = None, console: Console | None = None
+    folders: Sequence[Path], out: Path | None = None, console: Console | None = None, *, force: bool = False
 ) -> list[dict[str, Compared]]:
     """Print and write the comparison of finished runs; searches of the same settings but the seed are one line.
 
@@ -30,12 +30,14 @@ def compare(
         out: where comparison.md and the files beside it go; the folder above the runs if left out. Of several plates
             each has a folder of its own in it.
         console: where the tables go.
+        force: write over a comparison of other runs.
 
     Returns:
         Of each plate, what was compared by the settings of the searches.
 
     Raises:
-        InputError: if a folder holds no finished search, or runs that are named are of different plates.
+        InputError: if a folder holds no finished search, runs that are named are of different plates, or another
+            comparison is where this one goes.
     """
     console = console or Console()
     runs: dict[Path, Finished] = {}
@@ -58,7 +60,7 @@ def compare(
         for line in told:
             console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
     homes = _homes(plates, out)
-    return [_one_plate(group, home, console) for group, home in zip(plates, homes, strict=True)]
+    return [_one_plate(group, home, console, force) for group, home in zip(plates, homes, strict=True)]
 
 
 def _refuse(runs: Sequence[Finished], told: Sequence[str]) -> None:
@@ -91,10 +93,12 @@ def _homes(plates: Sequence[Sequence[Finished]], out: Path | None) -> list[Path]
     return [(out or whole) / name for name in names]
 
 
-def _one_plate(runs: Sequence[Finished], out: Path, console: Console) -> dict[str, Compared]:
+def _one_plate(runs: Sequence[Finished], out: Path, console: Console, force: bool) -> dict[str, Compared]:
     """Print and write the comparison of one plate's runs."""
     groups = gathered(runs)
-    write_files(out, comparison_report(groups, runs[0].result["objective_kind"]))
+    files = comparison_report(groups, runs[0].result["objective_kind"])
+    check_kept({out / name: content for name, content in files.items()}, force=force)
+    write_files(out, files)
     for table in comparison_tables(groups):
         console.print(_rich(table, console.width))
     console.print(f"Comparison: {out / 'comparison.md'}", markup=False, soft_wrap=True)

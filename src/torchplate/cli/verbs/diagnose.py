@@ -2,6 +2,7 @@
 
 import json
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -116,12 +117,14 @@ def diagnose(
                 seed=recipe.config.search.seed,
                 say=lambda text: console.print(f"  {text}", style="dim", highlight=False, markup=False),
             )
-        write(recipe, found, folder, report, str(config), recipe.modal_evidence(test.model))
+        write(recipe, found, folder, report, shlex.quote(str(config)), recipe.modal_evidence(test.model))
         # There is nothing more to go on from.
         (folder / DESCENTS).unlink(missing_ok=True)
         _say(console, found, folder)
         if any(one.equivalent for one in found.effects) and found.doubts:
-            said = f"Next: `torchplate plan {config}` scores what further tests would tell of the name."
+            said = (
+                f"Next: `torchplate plan {shlex.quote(str(config))}` scores what further tests would tell of the name."
+            )
             console.print(f"  {said}", highlight=False, markup=False, soft_wrap=True)
         return found
 

@@ -1,7 +1,8 @@
 """`torchplate frf RECORDS... --out FILE.uff`: from the time records of hits to FRFs, or from FRFs without nodes."""
 
 import re
-from collections import defaultdict
+import shlex
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from torchplate.cli.config import InputError
-from torchplate.cli.folder.writing import whole
+from torchplate.cli.folder.writing import asked_for
 from torchplate.measurement import (
     UFF_SUFFIX,
     Cutting,
@@ -22,9 +23,9 @@ from torchplate.measurement import (
     frf_of_hits,
     frfs_of_tables,
     read_frf_table,
-    read_nodes,
+    read_node_table,
     read_recordings,
-    with_nodes,
+    with_node_table,
     write_uff,
 )
 from torchplate.notation import counted
@@ -41,6 +42,7 @@ class Conversion:
         windows: Over each hit.
         estimator: "H1", "H2" or "Hv".
         nodes: Table of the nodes' places.
+        overwrite: Another file that has the name of the result.
     """
 
     layout: Layout = field(default_factory=Layout)
@@ -49,6 +51,7 @@ class Conversion:
     windows: Windows = field(default_factory=Windows)
     estimator: Estimate = "H1"
     nodes: Path | None = None
+    overwrite: bool = False
 
 
 def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console | None = None) -> Measurement:
@@ -61,7 +64,7 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
         console: Where is said what was left out.
 
     Raises:
-        InputError: Something that was told cannot be.
+        InputError: Something that was told cannot be, or `out` holds something else.
         MeasurementError: A file cannot be used.
     """
     console = console or Console()
@@ -72,6 +75,7 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
             f"--reference: Expected one node for each of {len(records)} files, or one for all, got "
             f"{len(told.references)}. Correct it."
         )
+    _check_told(records, told)
     if not told.references:
         _check_names(records)
     tables = [read_frf_table(path) for path in records]
@@ -99,9 +103,8 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
 def _written(measurement: Measurement, out: Path, told: Conversion) -> Measurement:
     """With its nodes' places, where they were told."""
     if told.nodes is not None:
-        measurement = with_nodes(measurement, read_nodes(told.nodes), str(told.nodes))
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with whole(out) as partial:
+        measurement = with_node_table(measurement, read_node_table(told.nodes), "m")
+    with asked_for(out, force=told.overwrite, option="--overwrite") as partial:
         if out.suffix.lower() == ".npz":
             measurement.to_npz(partial)
         else:
@@ -130,6 +133,23 @@ def _named_table(
     measurement = _written(frfs_of_tables(records, tables, told.layout, references), out, told)
     _say(measurement, f"{n_frf} ({measurement.kind}) from {records[0]}", out, console)
     return measurement
+
+
+def _check_told(records: Sequence[Path], told: Conversion) -> None:
+    """Whether files and nodes can be meant.
+
+    Raises:
+        InputError: A file that is named twice, whose hits would agree with themselves; a node below 1.
+    """
+    twice = [path for path, number in Counter(path.resolve() for path in records).items() if number > 1]
+    if twice:
+        raise InputError(
+            f"{twice[0]}: Expected each file once, got it twice: its hits would be averaged with themselves. Leave one "
+            "out, or name the file that was meant."
+        )
+    for option, nodes in (("--response", told.layout.responses), ("--reference", told.references)):
+        if nodes and min(nodes) < 1:
+            raise InputError(f"{option}: Expected node labels, which count from 1, got {min(nodes)}. Correct it.")
 
 
 def _check_names(records: Sequence[Path]) -> None:
@@ -184,7 +204,7 @@ def _say(measurement: Measurement, what: str, out: Path, console: Console, remar
     lines = [f"{what}, {first:.6g} to {last:.6g} Hz, {step}: {out}"]
     lines += [f"  Note: {note}" for note in (*measurement.notes, *remarks)]
     nodes = "" if measurement.response[0].coordinate is not None else " --nodes nodes.csv"
-    for line in (*lines, f"Next: torchplate new {out}{nodes}"):
+    for line in (*lines, f"Next: torchplate new {shlex.quote(str(out))}{nodes}"):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 

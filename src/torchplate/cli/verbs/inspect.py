@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from torchplate.cli.folder.writing import whole
+from torchplate.cli.folder.writing import asked_for
 from torchplate.cli.results.table import plain_table
 from torchplate.measurement import (
     RECORD_SUFFIX,
@@ -37,19 +37,22 @@ from torchplate.notation import counted, percent
 COMMAND = re.compile(r"torchplate [^;]+")
 
 
-def inspect(path: Path, out: Path | None = None, console: Console | None = None) -> Path | None:
+def inspect(path: Path, out: Path | None = None, console: Console | None = None, *, force: bool = False) -> Path | None:
     """Describe a file; report on its FRFs, where there are any, and save one figure of them.
 
     Args:
         path: A universal file, an .npz archive, time records (WAV, MAT, CSV, LVM), or a table of modes (CSV).
-        out: Folder of the figure; by default runs/inspect, under the current folder.
+        out: Folder of the figure; by default runs/inspect, under the current folder, where a name's figure is always
+            that of the last look.
         console: Where the report goes; by default the terminal.
+        force: Write over another figure in `out`.
 
     Returns:
         The figure's path, OUT/<file's stem>.png; None where the file holds no FRFs that can be used.
 
     Raises:
         MeasurementError: The file cannot be used.
+        InputError: `out` holds another figure of that name.
     """
     console = console or Console()
     path = Path(path)
@@ -90,9 +93,8 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None)
     from torchplate.report import quality_figure
 
     folder = Path("runs") / "inspect" if out is None else Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"{Path(path).stem}.png"
-    with whole(target) as partial:
+    with asked_for(target, force=force or out is None) as partial:
         quality_figure(measurement, quality, path.name).savefig(partial, format="png", dpi=150)
     console.print(f"Figure: {target}", highlight=False, markup=False, soft_wrap=True)
     if contents is not None:

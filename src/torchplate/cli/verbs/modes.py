@@ -7,7 +7,7 @@ import numpy as np
 from rich.console import Console
 
 from torchplate.cli.config import InputError
-from torchplate.cli.folder.writing import whole
+from torchplate.cli.folder.writing import asked_for
 from torchplate.cli.results.table import plain_table
 from torchplate.discrepancy import mac
 from torchplate.measurement import (
@@ -17,8 +17,8 @@ from torchplate.measurement import (
     ModalModel,
     propose,
     read_measurement,
-    read_nodes,
-    with_nodes,
+    read_node_table,
+    with_node_table,
     write_modal_model,
 )
 from torchplate.measurement import modes as analyse
@@ -36,6 +36,8 @@ def modes(
     order: int = 40,
     nodes: Path | None = None,
     console: Console | None = None,
+    *,
+    force: bool = False,
 ) -> Analysed:
     """Estimate the modes of measured FRFs, print them, and write them if wanted.
 
@@ -47,9 +49,10 @@ def modes(
         order: modes at most that the polynomials can hold.
         nodes: table of the nodes' places [m].
         console: where is said what was found.
+        force: write over another file of that name.
 
     Raises:
-        InputError: `out` has another suffix, or the order is too low.
+        InputError: `out` has another suffix or holds something else, or the order is too low.
         MeasurementError: The FRFs cannot be used, or the package for it is not there.
     """
     console = console or Console()
@@ -59,12 +62,11 @@ def modes(
         raise InputError(f"--order {order}: Expected 4 or more, got {order}. Raise it.")
     measurement = read_measurement(file)
     if nodes is not None:
-        measurement = with_nodes(measurement, read_nodes(nodes), str(nodes))
+        measurement = with_node_table(measurement, read_node_table(nodes), "m")
     found = analyse(measurement, lowest, highest, order)
     _say(found, console)
     if out is not None:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with whole(out) as partial:
+        with asked_for(out, force=force) as partial:
             write_modal_model(found.model, partial, out.suffix)
         console.print(f"Modes: {out}", highlight=False, markup=False, soft_wrap=True)
         key = f"measurement: {{modal_model: {{file: {shlex.quote(out.name)}}}{_frame(found.model)}}}"

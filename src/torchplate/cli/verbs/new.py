@@ -2,13 +2,14 @@
 
 import math
 import os
+import shlex
 from pathlib import Path
 
 from rich.console import Console
 
 from torchplate.cli.config import InputError
 from torchplate.cli.config.build import load_run
-from torchplate.cli.folder.writing import write_text
+from torchplate.cli.folder.writing import asked_for
 from torchplate.cli.verbs.new_draft import Draft, Wishes, check_sizes, drafted
 from torchplate.cli.verbs.new_text import compose
 from torchplate.measurement import METRES
@@ -24,7 +25,7 @@ def new(
         wishes: What is known of the plate.
         out: The config; by default the file's name with .yaml, in the current folder.
         console: Where is said what was taken from where.
-        force: Write over a config that is there.
+        force: Write over a config that is there and another.
 
     Raises:
         InputError: Something that was told cannot be.
@@ -41,16 +42,13 @@ def new(
         raise InputError(f"{file}: Expected a measurement, got a folder. Name a .uff or .npz file in it.")
     if out.is_dir():
         raise InputError(f"--out {out}: Expected the name of a config to write, got a folder. Name a file in it.")
-    if out.exists() and not force:
-        raise InputError(
-            f"--out {out}: Expected a new file, got one that exists. Name another, or give --force to write over it."
-        )
     if out.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out {out}: Expected a name that ends in .yaml, got '{out.suffix}'. Rename it.")
     _check(wishes)
     draft = drafted(file, wishes)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_text(out, compose(draft, os.path.relpath(file.resolve(), out.resolve().parent), _table(wishes, out)))
+    text = compose(draft, os.path.relpath(file.resolve(), out.resolve().parent), _table(wishes, out))
+    with asked_for(out, force=force) as partial:
+        partial.write_text(text, encoding="utf-8")
     load_run(out).model()  # a config that does not run would be a defect of ours
     _say(draft, out, console)
     return out
@@ -120,6 +118,7 @@ def _say(draft: Draft, out: Path, console: Console) -> None:
         f"band {draft.band[0]:g} to {draft.band[1]:g} Hz, {draft.cells[0]} × {draft.cells[1]} elements, gain "
         f"{'known' if draft.gain_is_known else 'unknown'}"
     )
+    name = shlex.quote(str(out))
     console.print(
-        f"Next: torchplate run {out}; torchplate diagnose {out}", highlight=False, markup=False, soft_wrap=True
+        f"Next: torchplate run {name}; torchplate diagnose {name}", highlight=False, markup=False, soft_wrap=True
     )

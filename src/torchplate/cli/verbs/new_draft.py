@@ -15,13 +15,15 @@ from torchplate.measurement import (
     UFF_SUFFIX,
     Measurement,
     MeasurementError,
+    NodeTable,
     Proposal,
+    Said,
     in_frame,
     place,
     propose,
     read_geometry,
     read_measurement,
-    read_nodes,
+    read_node_table,
     with_nodes,
 )
 from torchplate.model import PlateModel
@@ -198,7 +200,8 @@ def check_sizes(wishes: Wishes, length_x: float, length_y: float) -> None:
 def _placed(file: Path, wishes: Wishes) -> tuple[Measurement, Proposal]:
     """The measurement in the plate's own axes, and how these were found."""
     is_uff = file.suffix.lower() in UFF_SUFFIX
-    table = None if wishes.nodes is None else read_nodes(wishes.nodes)
+    head = None if wishes.nodes is None else read_node_table(wishes.nodes)
+    table, unit = (None, wishes.unit) if head is None else (head.places, _unit(wishes.unit, head))
     if not file.is_file() or not is_uff:
         measurement = read_measurement(file, wishes.kind)
         places = {c.node: c.coordinate for c in (*measurement.response, *measurement.reference) if c.coordinate}
@@ -212,7 +215,7 @@ def _placed(file: Path, wishes: Wishes) -> tuple[Measurement, Proposal]:
             f"{file}: expected coordinates (dataset 15 or 2411), to see where the channels sit, got none. Give them as "
             "a table with the columns node, x, y: --nodes nodes.csv."
         )
-    given = wishes.length, wishes.unit, str(file)
+    given = wishes.length, unit, str(file)
     try:
         proposal = propose(np.array(list(places.values()), dtype=np.float64), axis or 3, *given)
     except MeasurementError:
@@ -222,6 +225,8 @@ def _placed(file: Path, wishes: Wishes) -> tuple[Measurement, Proposal]:
         if not nodes or nodes == set(places):
             raise
         proposal = propose(np.array([places[node] for node in nodes], dtype=np.float64), axis or 3, *given)
+    if head is not None:
+        proposal = replace(proposal, unit=Said(head.notes[0], False) if head.notes else proposal.unit)
     measurement = read_measurement(file, wishes.kind, proposal.frame.normal)
     if table is not None:
         measurement = with_nodes(measurement, table, str(wishes.nodes))
@@ -229,6 +234,20 @@ def _placed(file: Path, wishes: Wishes) -> tuple[Measurement, Proposal]:
     measurement = in_frame(measurement, proposal.frame)
     place(measurement, proposal.length_x, proposal.length_y, 4, 4)
     return measurement, proposal
+
+
+def _unit(told: str | None, table: NodeTable) -> str | None:
+    """The unit of a table's places: as its head says, else as the user does.
+
+    Raises:
+        InputError: They say different ones.
+    """
+    if told is not None and table.unit not in (None, told):
+        raise InputError(
+            f"--unit: Expected {table.unit}, as the head of {table.source} says, got {told}. Leave --unit out, or "
+            "correct the head."
+        )
+    return table.unit or told
 
 
 def _check_places(file: Path, measurement: Measurement, places: Mapping[int, tuple[float, float, float]]) -> None:

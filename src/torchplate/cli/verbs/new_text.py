@@ -1,5 +1,6 @@
 """The commented YAML that `torchplate new` writes."""
 
+import shlex
 import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -23,7 +24,8 @@ def compose(draft: "Draft", file: str, nodes: str | None) -> str:
         nodes: The table of nodes, likewise, if there is one.
     """
     lines = [
-        f"# Written by `torchplate new {draft.file.name}`. A number is taken as known, an interval is searched, and",
+        f"# Written by `torchplate new {shlex.quote(draft.file.name)}`. A number is taken as known, an interval is "
+        "searched, and",
         "# {value: , std: } is known so well. Correct what is marked as a guess before you trust a result.",
         *_mesh(draft),
         *_measurement(draft, file, nodes),

@@ -1,6 +1,7 @@
 """`torchplate plan`: the cheapest further test that would tell which name is right, and the config of its state."""
 
 import json
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -171,8 +172,9 @@ def _say(console: Console, found: Plan, folder: Path) -> None:
             f"{escape(first.proposal.instruction)}",
             highlight=False,
         )
+    command = f"torchplate diagnose {shlex.quote(str(folder / CONFIG))}"
     console.print(
-        f"  Then: put the name of the new file into {folder / CONFIG}, and `torchplate diagnose {folder / CONFIG}`.",
+        f"  Then: put the name of the new file into {folder / CONFIG}, and `{command}`.",
         highlight=False,
         soft_wrap=True,
     )

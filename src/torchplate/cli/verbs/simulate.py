@@ -7,7 +7,7 @@ from rich.console import Console
 
 from torchplate.cli.config import InputError
 from torchplate.cli.config.build import Run, load_run
-from torchplate.cli.folder.writing import whole
+from torchplate.cli.folder.writing import asked_for
 from torchplate.measurement import ANALYSERS, FRF_SUFFIX, Analyser, Hammer, Measurement, write_uff
 from torchplate.measurement import simulate as hit
 from torchplate.model import PlateModel
@@ -15,7 +15,14 @@ from torchplate.notation import counted
 from torchplate.search import unknown_name
 
 
-def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console: Console | None = None) -> Measurement:
+def simulate(
+    path: Path | str,
+    out: Path,
+    overrides: Sequence[str] = (),
+    console: Console | None = None,
+    *,
+    force: bool = False,
+) -> Measurement:
     """Hit the model of a config as `modal_test` says, and write what the analyser shows.
 
     The plate that is hit has the config's numbers on a mesh `modal_test.refine` times as fine, so that whoever
@@ -28,9 +35,10 @@ def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console
         out: the file to write; its suffix says how: .uff, .unv or .npz.
         overrides: "key.key=value" each.
         console: where the closing line goes.
+        force: write over another file of that name.
 
     Raises:
-        InputError: if the config holds an interval, or something in it cannot be used.
+        InputError: if the config holds an interval, something in it cannot be used, or `out` holds something else.
     """
     console = console or Console()
     out = Path(out)
@@ -64,8 +72,7 @@ def simulate(path: Path | str, out: Path, overrides: Sequence[str] = (), console
             seed=settings.seed,
         ),
     )
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with whole(out) as partial:
+    with asked_for(out, force=force) as partial:
         if out.suffix == ".npz":
             measurement.to_npz(partial)
         else:
