@@ -106,7 +106,7 @@ def test_the_estimate_knows_what_elements_lose_on_a_mesh_whose_error_is_taken_of
 def test_the_estimate_is_the_same_where_responses_and_references_change_places(plates, monkeypatch) -> None:
     made_of, columns = made(plates, MESHES["rectangle"]), []
     solve = SparseModel.solve
-    monkeypatch.setattr(SparseModel, "solve", lambda own, right: columns.append(right.shape[1]) or solve(own, right))
+    monkeypatch.setattr(SparseModel, "solve", lambda own, right: columns.append(right[0].size) or solve(own, right))
     model, _, theta, frequency = made_of
     estimates = []
     for one, others in ((model.response[:1], [8, 12, (0.61, 0.37)]), ([8, 12, (0.61, 0.37)], model.response[:1])):

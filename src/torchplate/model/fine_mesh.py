@@ -31,6 +31,8 @@ SYMMETRIC: dict[str, Any] = {
 }
 # What a solve without pivots may leave over, relative to ‖Z‖ ‖x‖: hundreds of times rounding. Else pivots are sought.
 BACKWARD = 1e-13
+# Dofs for each mode that is wanted, up to which all modes by LAPACK take about as long as these alone by shift-invert.
+WHOLE = 8
 # Modes asked for beyond those expected: the count of a single plate scatters about its mean.
 SPARE = 8
 # Steps of inverse iteration from modes of a coarser mesh.
@@ -204,7 +206,7 @@ class SparseModel:
                 mass = scipy.sparse.linalg.LinearOperator(
                     (n, n), matvec=functools.partial(self._times, mass), dtype=np.float64
                 )
-            count = max(n_mode + 2, 20, self._most_modes(frequency) + SPARE)
+            count = self._count(n_mode, frequency)
             while True:
                 count = min(count, n - 2)
                 inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=solve, dtype=np.float64)
@@ -222,6 +224,20 @@ class SparseModel:
                 count = max(count + 10, int(1.15 * count * frequency / reached))
         like = self.model.known
         return Modes(torch.from_numpy(value).to(like), torch.from_numpy(np.ascontiguousarray(shape[:size])).to(like))
+
+    def is_sooner_dense(self, n_mode: int, frequency: float = 0.0) -> bool:
+        """Whether solving for all modes takes no longer than for some of them; never on large meshes.
+
+        Args:
+            n_mode: how many are wanted at least.
+            frequency: up to where [Hz].
+        """
+        size = self.stiffness.shape[0]
+        return size <= min(DENSE, WHOLE * self._count(n_mode, frequency))
+
+    def _count(self, n_mode: int, frequency: float) -> int:
+        """How many modes are asked for first."""
+        return max(n_mode + 2, 20, self._most_modes(frequency) + SPARE)
 
     def _modes_from(
         self,

@@ -19,7 +19,7 @@ from torch import Tensor
 from torchplate.model.attach import attach, lines_last, pulls
 from torchplate.model.batched import joined, solve_each, stack_rows
 from torchplate.model.complex_modes import complex_modes
-from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum, pairs_of
+from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum, pairs_of, reciprocal
 from torchplate.plate import Proportional, common_shape, is_vmapped
 
 # Impedances solved at once, so that they stay in the cache [bytes].
@@ -223,7 +223,7 @@ def _by_complex_modes(system: ModalSystem, hysteretic: Tensor, response: Tensor,
     columns = right.to(shape) @ inverse.mT
     pairs = (rows[..., :, None, :] * columns[..., None, :, :]).flatten(-3, -2)
     mu = system.proportional.at(system.laplace)[1]
-    found = pairs @ (1 / (value[..., :, None] + mu[..., None, :]))
+    found = pairs @ reciprocal(value[..., :, None] + mu[..., None, :])
     return _with_dashpots(found, left, right, system.force).movedim((0, 1), (-2, -1))
 
 

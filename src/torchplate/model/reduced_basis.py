@@ -322,8 +322,10 @@ def _ritz_columns(
     for member in theta:
         sparse = SparseModel(model, member)
         first = first or sparse
-        dense = model.assembly.size <= fine_mesh.DENSE
-        modes = sparse.modes(int(margin * n_mode) if n_mode else 1, top, dense, near=near)
+        wanted = int(margin * n_mode) if n_mode else 1
+        # From a basis that is near, modes of a large mesh alone are found sooner.
+        large = model.assembly.size > fine_mesh.DENSE
+        modes = sparse.modes(wanted, top, sparse.is_sooner_dense(wanted, top), near=near if large else None)
         count = max(int((modes.frequency <= top).sum()), min(len(modes.eigenvalue), int(margin * n_mode)))
         value = modes.eigenvalue
         while count < len(value) and value[count] - value[count - 1] < CLUSTER * value[count]:

@@ -110,7 +110,8 @@ class Selecting:
         n_best: the best so many are followed where one alone may be wrong [-].
         explains_much: what leaves at most this part of the sum of squares explains much of it [-].
         explains_some: what leaves at most this part of the gap, or of the sum of squares where it has no number to be
-            fitted, explains so much that another effect is looked for beside it [-].
+            fitted, explains so much that another effect is looked for beside it, and that it keeps its name beside an
+            inflated error [-]: a convention, for no odds part it from what stands in (docs/real_plates.md).
         shows: what leaves at most this part of the gap shows [-].
         much_less: a pair that leaves at most this part of what its first effect does is judged again at once [-].
         beside: a second effect is looked for beside the second best too, if that leaves no more than so many times as

@@ -1,0 +1,141 @@
+"""What the best effect takes beside an inflated error of the model: where it is there, and where it stands in.
+
+`python -m tests.studies.beside_an_error`: the measured plates of spruce, whose grain is there; blind plates of one FRF
+with something beyond the catalogue, whose best effect is not there; and some of these with a grain, too.
+
+Each column is what a rule could go by that says which of these is named: the odds against none, and what is left, over
+what is left without the effect, of the gap, of the squares over the inflated error, of those where peaks overlap, and
+of bands that no fit saw, as wide as a half, a third and a fifth of the whole.
+"""
+
+import dataclasses
+import math
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.console import Console
+from rich.table import Table
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from blind import beyond, cases
+from blind.effects import Hidden, apply, bare
+from torchplate.cli.config.build import load_run
+from torchplate.cli.config.plate_test import plate_test
+from torchplate.diagnosis import PlateTest
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.flow import line_step
+from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.selection.criterion import choose, evidence, weight_of
+from torchplate.diagnosis.selection.forward import ForwardSelection
+from torchplate.diagnosis.selection.trace import State
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.measurement import Imperfections, noise_level
+
+GRAIN = Hidden("orthotropy", {}, {"young_ratio": 0.6, "shear_factor": 1.15})
+SPRUCE = ("spruce_1L", "spruce_3R")
+# Cases of sets that were seen before.
+BEYOND = (("J", 33), ("J", 59), ("A", 2), ("A", 73), ("A", 83), ("A", 101))
+WITH_GRAIN = (("J", 33), ("A", 83), ("A", 101))
+N_BAND = (2, 3, 5)
+
+
+def of_one_frf(seed_set: str, index: int, hidden: Hidden | None, folder: Path) -> tuple[str, PlateTest]:
+    """What is beyond the catalogue in a blind case, and its test with the first FRF alone.
+
+    Args:
+        seed_set: of the case.
+        index: of the case.
+        hidden: beside that; None for nothing.
+        folder: where config and measurement are written.
+    """
+    case = cases.draw(seed_set, index)
+    assert case.measurement is not None
+    rng = np.random.default_rng([*cases.seed_of(seed_set, index), 3])
+    if hidden is not None:
+        frf, _ = beyond.draw(rng, case.truth[0].effect, apply(bare(case.specimen), case.specimen, hidden))
+        measurement = cases.measure(rng, case.specimen, frf, case.noise, None, True)
+    else:
+        measurement = dataclasses.replace(case.measurement, coherence=None)
+    alone = torch.zeros_like(measurement.measured)
+    alone[0, 0] = True
+    measurement = dataclasses.replace(measurement, measured=alone, frf=measurement.frf * alone)
+    case.config["measurement"].pop("n_average", None)
+    written = dataclasses.replace(case, measurement=measurement).write(folder / f"{seed_set}{index}{hidden is None}")
+    return case.truth[0].effect, plate_test(load_run(written))
+
+
+def beside_an_inflated_error(test: PlateTest) -> tuple[ForwardSelection, State]:
+    """The given model, weighed by what it leaves."""
+    assert test.measurement is not None
+    measurement, noise = test.measurement, noise_level(test.measurement, test.n_average)
+    if (step := line_step(measurement)) > 1:
+        measurement, noise = measurement.every(step), noise.every(step)
+    none = torch.zeros_like(measurement.measured)
+    target = FrfTarget(measurement, noise, none, test.gain_is_unknown, test.imperfections or Imperfections())
+    selection = ForwardSelection.of(test.model, target, test.tolerance, lambda _: None)
+    return selection.inflated(selection.baseline())
+
+
+def where_peaks_overlap(selection: ForwardSelection, found: Fit) -> float:
+    """Sum of squares at the widest level."""
+    prediction = selection.builder.predict(found.reduced, found.theta, 0)
+    return float(selection.builder.target.residual(prediction, 0).square().sum())
+
+
+def left_out(selection: ForwardSelection, found: Fit, n_band: int) -> float:
+    """Sum of squares over bands, each as the model has it that was fitted to the others."""
+    target, square = selection.builder.target, 0.0
+    assert target.model_variance is not None
+    for band in torch.arange(len(target.frequency)).chunk(n_band):
+        variance = target.model_variance.clone()
+        # Ten decades above all others they weigh nothing.
+        variance[band] = 1e10 * variance.max()
+        twin = selection.builder.against(dataclasses.replace(target, model_variance=variance))
+        start = found.model.space.to_cube(found.theta)[None]
+        ended = fit(twin, found.model, start, selection.prior, wide=False)
+        off = (target.measured - ended.prediction).abs().square() / target.variance
+        square += float(off[..., target.fitted][band].sum())
+    return square
+
+
+@torch.no_grad()
+def row(test: PlateTest) -> list[str]:
+    """The best effect, and what it takes, in the order of the columns."""
+    selection, state = beside_an_inflated_error(test)
+    ranked, before = selection.ranking.at(state), state.fit
+    if not ranked.hypotheses:
+        return ["nothing"]
+    best = choose(ranked.hypotheses, before).best
+    after, weight = best.fit, weight_of([before, best.fit])
+    odds = 0.5 * (evidence(before, weight) - 2 * math.log(1 - before.comparison.missing) - best.against(weight))
+    parts = [
+        after.left / before.left,
+        after.square / before.square,
+        where_peaks_overlap(selection, after) / where_peaks_overlap(selection, before),
+        *(left_out(selection, after, n) / left_out(selection, before, n) for n in N_BAND),
+    ]
+    return [best.name, f"{odds:.1f}", *(f"{part:.2f}" for part in parts)]
+
+
+def main() -> None:
+    """Print the table."""
+    console = Console(width=150)
+    table = Table("plate", "best effect", "ln odds", "gap", "squares", "overlapping", "halves", "thirds", "fifths")
+    for name in SPRUCE:
+        table.add_row(name, *row(plate_test(load_run(f"configs/real/{name}.yaml"))))
+    with tempfile.TemporaryDirectory() as folder:
+        for seed_set, index in WITH_GRAIN:
+            what, test = of_one_frf(seed_set, index, GRAIN, Path(folder))
+            table.add_row(f"{seed_set} {index}: grain, {what}", *row(test))
+        for seed_set, index in BEYOND:
+            what, test = of_one_frf(seed_set, index, None, Path(folder))
+            table.add_row(f"{seed_set} {index}: {what}", *row(test))
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()
