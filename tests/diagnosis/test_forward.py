@@ -564,7 +564,7 @@ def test_what_shows_in_the_noise_has_to_show_on_a_finer_mesh_before_anything_is_
     nothing, candidate = torch.zeros(0), scene.candidate("point_mass")
     promise = Scored(candidate, "point_mass", scene.state.model, 0.0, {}, torch.full((1, 5), 0.5), nothing, nothing)
 
-    def nearby(_self, state, _base, _everyone, _by_mesh=0.0, says=None):
+    def nearby(_self, state, _base, _everyone, _by_mesh=0.0, says=None, before=None):
         looked.append("here" if says is None else "finer")
         return [promise._replace(drop=(9.0 if says is None else promised) / state.fit.square)], 7.0
 
