@@ -81,17 +81,19 @@ class Ranking:
     def at(self, state: State) -> Ranked:
         """Score the whole catalogue, and refit what promises most."""
         builder, misfit = self.builder, state.fit.reduced_misfit
-        here = beside_what_was_told(builder, self.prior, state)
+        screening, selecting = self.settings.screening, self.settings.selecting
+        told = beside_what_was_told(builder, self.prior, state)
+        # Where little is left, peaks overlap beside a specimen that took on what is missing better than without it.
+        here = state if misfit <= selecting.doubtful else told
         base, everyone = self._catalogue_beside(here)
         self._far, self._ways = set(), ()
         promises: list[Scored] = []
         chosen: list[tuple[Scored, Tensor]] = []
         hypotheses: list[Hypothesis] = []
         by_chance, much = 0.0, False
-        screening, selecting = self.settings.screening, self.settings.selecting
         is_near = here.fit.left < screening.overlapping
         # Beside an error of the model that was inflated until it explains what is left, every model is nearly right.
-        nearly_right = misfit <= screening.nearly_right and (state.fit.by_noise or is_near) and here is state
+        nearly_right = misfit <= screening.nearly_right and (state.fit.by_noise or is_near) and told is state
         if is_near or nearly_right:
             promises, by_chance = self._nearby(here, base, everyone, before=state)
             # Where nothing but noise is left, and the best promises no more than chance, it is a check and no more.
@@ -118,8 +120,13 @@ class Ranking:
         if not nearly_right:
             if much:
                 hypotheses, chosen = hypotheses + self._refitted(state, chosen, hypotheses), []
-            if not kept(promises, hypotheses, state, screening, selecting.doubtful):
-                widely_scored, further = self._widely(here, base, everyone)
+            done = kept(promises, hypotheses, state, screening, selecting.doubtful)
+            if told is not state:
+                done = any(is_noise(one.fit) for one in hypotheses)
+            if not done:
+                if told is not here:
+                    base, everyone = self._catalogue_beside(told)
+                widely_scored, further = self._widely(told, base, everyone)
                 chosen += further
                 promises = promises or widely_scored
         hypotheses += self._refitted(state, chosen, hypotheses)
