@@ -422,6 +422,17 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
     several = replace(several, ways=((second.candidate, end), (alone.candidate, end)))
     assert selection._two_that_promise(state, [several], 3) is not None
     assert [one.hypothesis.name for one in states[1].named] == ["density"]
+    # A second one is not tried once so much was evaluated.
+    more = lab.leaving(scene.fit, 1e5)
+    second_best = replace(both, fit=more)
+    for evaluated, n_tried in ((0, 2), (SETTINGS.selecting.enough + 1, 1)):
+        states.clear()
+        monkeypatch.setattr(ModelBuilder, "n_evaluation", property(lambda _, n=evaluated: n))
+        monkeypatch.setattr(
+            selection, "_needed", lambda state, _: states.append(state) or (choose([second_best], state.fit), several)
+        )
+        selection._two_that_promise(state, [several], 3)
+        assert len(states) == n_tried
     monkeypatch.setattr(selection, "_needed", needed)
     # Nor if both explain no more than none does.
     both = replace(both, fit=far)

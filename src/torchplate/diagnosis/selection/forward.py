@@ -402,7 +402,9 @@ class ForwardSelection:
             if much and not any(other.name in alike[one.name] for other in chosen):
                 chosen.append(one)
         best: State | None = None
-        for one in chosen[: settings.n_best]:
+        for rank, one in enumerate(chosen[: settings.n_best]):
+            if rank and self.builder.n_evaluation > settings.enough:
+                break
             self.say(f"{one.name} promised much and explains little: looking for what else is missing")
             start = self._added(state, choose(ranked.hypotheses, state.fit, one), ranked)
             _, end = ends.get(id(one.candidate), (0, None))
