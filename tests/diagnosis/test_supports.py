@@ -69,7 +69,8 @@ def test_a_spring_where_a_support_is_is_that_support_tighter(searched, wires, no
     theta = torch.tensor([1200.0] * len(searched), dtype=torch.float64)
     spring = CATALOGUE["ground_spring"](), {"x": x, "y": y, "stiffness": 700.0}
     beside = plate(searched, WIRES[wires], {"spring": spring})
-    candidate, _ = tighter_at(model, theta, x + 1e-3, y, 700.0)
+    candidate, _, there = tighter_at(model, theta, x + 1e-3, y, 700.0)
+    assert there
     # It names the one wire, and has one number.
     assert candidate.options == ({"nodes": (node,)} if wires == "by node" else {"at": ((x, y),)})
     whole = with_candidate(model, "tighter", candidate)
@@ -79,7 +80,7 @@ def test_a_spring_where_a_support_is_is_that_support_tighter(searched, wires, no
 
 
 def test_that_a_spring_ends_at_a_support_is_a_coincidence():
-    _, coincidence = tighter_at(plate(), NOBODY, 0.25, 0.0, 700.0)
+    _, coincidence, _ = tighter_at(plate(), NOBODY, 0.25, 0.0, 700.0)
     # A place anywhere on the plate is within 0.012 of one of three supports once in 737 times.
     assert coincidence == pytest.approx(2 * math.log(1 / (3 * math.pi * 0.012**2)))
     assert 13 < coincidence < 14
@@ -87,6 +88,34 @@ def test_that_a_spring_ends_at_a_support_is_a_coincidence():
 
 def test_a_spring_beside_the_supports_is_none_of_them():
     assert tighter_at(plate(), NOBODY, 0.4, 0.5, 700.0) is None
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "std", "rho", "may_be"),
+    [
+        # Node 2 is at (1/4, 0).
+        (0.265, 0.03, 1e-3, 0.0, True),
+        (0.30, 0.06, 1e-3, 0.0, False),
+        (0.30, 0.06, 0.03, 0.0, True),
+        # Three standard errors away: one in a hundred is that far off.
+        (0.328, 0.03, 0.028, 0.0, True),
+        (0.34, 0.03, 0.028, 0.0, False),
+        # Far off along the short axis of its ellipse.
+        (0.29, 0.04, 0.03, -0.99, False),
+        (0.29, 0.04, 0.03, 0.99, True),
+    ],
+)
+def test_a_spring_may_be_at_a_support_that_is_no_farther_off_than_its_place_is_known(x, y, std, rho, may_be):
+    spread = std**2 * torch.tensor([[1.0, rho], [rho, 1.0]], dtype=torch.float64)
+    found = tighter_at(plate(), NOBODY, x, y, 700.0, spread)
+    if not may_be:
+        assert found is None
+        return
+    # That it is there is no more than a guess: no coincidence speaks against the spring.
+    assert (found.candidate.options, found.coincidence, found.there) == ({"nodes": (2,)}, 0.0, False)
+    nothing_known = torch.full((2, 2), torch.nan, dtype=torch.float64)
+    beyond = math.hypot(x - 0.25, y) > 0.04
+    assert (tighter_at(plate(), NOBODY, x, y, 700.0, nothing_known) is None) == beyond
 
 
 def test_a_support_without_a_spring_is_not_tighter():

@@ -16,6 +16,7 @@ from torchplate.diagnosis.table.plates import Plates
 from torchplate.diagnosis.table.refit import Problem
 from torchplate.diagnosis.table.settings import SETTINGS
 from torchplate.diagnosis.table.whole_box import over_the_box, sample
+from torchplate.diagnosis.usual import Usual
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import NaturalFrequencies
 from torchplate.model import PlateModel, Searched
@@ -27,11 +28,16 @@ NOBODY = torch.zeros(0, dtype=torch.float64)
 NEAR = 3 * 2 / math.sqrt(SETTINGS.drawing.n_effective)
 
 
-def plate(mass: float | None = None, young: Searched | float = 2.1e11) -> PlateModel:
+def plate(
+    mass: float | None = None, young: Searched | float = 2.1e11, grain: tuple[float, float] | None = None
+) -> PlateModel:
     effects, known = {"plate": CATALOGUE["plate"]()}, dict(NUMBERS)
     if mass is not None:
         effects["hidden"] = CATALOGUE["point_mass"]()
         known |= {"hidden.x": 0.21, "hidden.y": 0.34, "hidden.mass": mass}
+    if grain is not None:
+        effects["hidden"] = CATALOGUE["orthotropy"]()
+        known |= {"hidden.young_ratio": grain[0], "hidden.shear_factor": grain[1]}
     searched = {"plate.youngs_modulus": young} if isinstance(young, Searched) else {}
     known |= {} if searched else {"plate.youngs_modulus": young}
     return PlateModel(Mesh(0.55, 0.363, 8, 8), effects, known, searched)
@@ -79,6 +85,27 @@ def test_a_mass_counts_for_what_its_likelihood_holds_over_the_whole_plate(mass, 
     assert found.n_effective >= SETTINGS.drawing.n_effective
     whole = -2 * float((-0.5 * cost).logsumexp(0) - math.log(len(cost)))
     assert found.evidence == pytest.approx(whole, abs=NEAR)
+
+
+def test_of_a_prior_with_a_narrow_half_laplace_and_the_whole_box_say_the_same():
+    """Half of all plates are of metal, whose directions differ little: that makes a small difference more probable."""
+    truth = plate(grain=(0.93, 1.04)).natural_frequencies(NOBODY, 11)[3:]
+    evidence = TableEvidence.of(NaturalFrequencies(torch.arange(4, 12), truth, 2e-3 * truth), SETTINGS)
+    plates = Plates(plate(), evidence, "given", SETTINGS, 1)
+    bench = Comparing(plates, {}, SETTINGS, lambda _: None)
+    with torch.no_grad():
+        baseline, fitted = bench.baseline()
+        candidate = next(one for one in visible(plates, baseline.theta) if one.name == "orthotropy")
+        part = tried(plates, fitted, 0, candidate, SETTINGS)
+        found = bench.rebuilt(bench.refitted(single(fitted, part, SETTINGS)))
+        whole = bench.integrated(found)
+        plain = dataclasses.replace(bench._problem(found.model, found.modes, found.hypothesis), usual=Usual())
+        without = plain.minima(found.best.position[None])
+    assert dict(zip(found.model.names, found.theta.tolist(), strict=True)) == pytest.approx(
+        {"orthotropy_1.young_ratio": 0.93, "orthotropy_1.shear_factor": 1.04}, rel=1e-3
+    )
+    assert found.evidence == pytest.approx(whole.evidence, abs=NEAR)
+    assert found.evidence < without[0].evidence - 6
 
 
 def test_a_sample_of_the_posterior_has_its_quantiles():

@@ -5,7 +5,8 @@
 - `table`: the same for a table of natural frequencies, where every hypothesis can be weighed.
 - `change`: what has changed between two tests of one plate.
 - `integral`: the likelihood of a hypothesis over all its values, where that takes no longer than to fit it.
-- `holdout`: the FRFs that no fit sees; `tolerance`: numbers that are known as well as a ruler knows them.
+- `holdout`: the FRFs that no fit sees; `tolerance`: numbers that are known as well as a ruler knows them; `usual`:
+  priors of which half is narrow.
 - `target`: what the models are held against, and residuals from wide to sharp; `smoothing`: of the wide ones.
 - `model_builder`: one mesh for all models, its error taken off, and bases that are right where they are used.
 - `fit`: the refit of one hypothesis; `joint`: its parameters and the specimen at once; `problem`: its residuals, and

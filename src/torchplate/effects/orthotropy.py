@@ -6,6 +6,10 @@ from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, positive
 from torchplate.plate import Mesh, Section
 
+# A plate is a sheet of metal or it is wood or a laminate. The texture of rolled sheet makes E differ by a few per cent
+# to some twenty between directions, by alloy (Davies, Goodwill and Kallend, Metallurgical Transactions 3 (1972) 1627).
+ROLLED = 0.1
+
 
 @dataclass(frozen=True)
 class Orthotropy(Effect):
@@ -16,10 +20,10 @@ class Orthotropy(Effect):
 
     parameters = {
         "young_ratio": Parameter(
-            "-", "r = Ey/Ex, √(Ex·Ey) kept", positive, neutral=1.0, prior=Prior(0.03, 30.0, logarithmic=True)
+            "-", "r = Ey/Ex, √(Ex·Ey) kept", positive, neutral=1.0, prior=Prior(0.03, 30.0, True, usual=ROLLED)
         ),
         "shear_factor": Parameter(
-            "-", "g: G over its isotropic value", positive, neutral=1.0, prior=Prior(0.2, 5.0, logarithmic=True)
+            "-", "g: G over its isotropic value", positive, neutral=1.0, prior=Prior(0.2, 5.0, True, usual=ROLLED)
         ),
     }
     check = Check(4, "test a strip cut along each side, or twist the plate statically: E_x, E_y and G part there")

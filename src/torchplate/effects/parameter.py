@@ -81,9 +81,12 @@ class Prior(Searched):
         logarithmic: as of what is searched.
         relative_to: None; or "plate": what the plate's mass ρhA, length √A and time A √(ρh/D) make of the parameter's
             unit; or the quantity of the plate's section whose present value is meant ("thickness").
+        usual: where half of all cases lie close to the neutral value, their standard deviation about it, of the
+            logarithm where that is searched; None where the interval alone says what is known.
     """
 
     relative_to: str | None = None
+    usual: float | None = None
 
     def describe(self, unit: str) -> str:
         """The prior in a few words, for a parameter of that unit."""
@@ -93,7 +96,10 @@ class Prior(Searched):
             of = f" × {PLATE_SCALE[unit][1]}"
         else:
             of = f" × present {self.relative_to}"
-        return f"{self.low:.3g} to {self.high:.3g}{of}{', log' if self.logarithmic else ''}"
+        near = ""
+        if self.usual is not None:
+            near = f", half of all near no change (std {self.usual:g}{' of ln' if self.logarithmic else ''})"
+        return f"{self.low:.3g} to {self.high:.3g}{of}{', log' if self.logarithmic else ''}{near}"
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,20 @@ class Candidate:
         return self.has_place and "section" in self.effect.acts_on
 
     @property
+    def usual(self) -> dict[str, tuple[float, float]]:
+        """Of its parameters that half of all cases have near a value, that value and their std, on the unit cube."""
+        found = {}
+        for key, interval in self.searched.items():
+            parameter = self.effect.parameters[key]
+            if parameter.prior is None or parameter.prior.usual is None or parameter.neutral is None:
+                continue
+            low, high, middle = interval.low, interval.high, parameter.neutral
+            if interval.logarithmic:
+                low, high, middle = math.log(low), math.log(high), math.log(middle)
+            found[key] = (middle - low) / (high - low), parameter.prior.usual / (high - low)
+        return found
+
+    @property
     def has_place(self) -> bool:
         """Whether it sits somewhere on the plate."""
         return {"x", "y"} <= self.searched.keys()

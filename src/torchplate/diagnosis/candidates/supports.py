@@ -4,6 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate, Trial
@@ -16,15 +17,19 @@ STRENGTHS = ("stiffness", "viscous_damping")
 
 
 class Tighter(NamedTuple):
-    """A support that is where a spring was found.
+    """A support that is where a spring was found, or may be.
 
     Attributes:
         candidate: that support, tighter by the spring: the same physics.
-        coincidence: twice the negative logarithm of how likely a spring of which nothing is known ends at a support.
+        coincidence: twice the negative logarithm of how likely a spring of which nothing is known ends at a support;
+            0 where it only may be at one.
+        there: whether the spring is where the support is; else the support is no farther off than the spring's place
+            is known, or than a node that may be meant.
     """
 
     candidate: Candidate
     coincidence: float
+    there: bool = True
 
 
 def supports_at(
@@ -59,7 +64,14 @@ def supports_at(
     return [Candidate(kind(**options), options, wanted, {}, trials) for options in chosen]
 
 
-def tighter_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: float) -> Tighter | None:
+def tighter_at(
+    model: PlateModel,
+    theta: Tensor,
+    x: float,
+    y: float,
+    stiffness: float,
+    spread: Float[Tensor, "2 2"] | None = None,
+) -> Tighter | None:
     """The one of the supports that is where a spring was found; None where none is, or its spring is named already.
 
     Args:
@@ -68,6 +80,7 @@ def tighter_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: 
         x: place of the spring, relative.
         y: likewise.
         stiffness: of the spring [N/m].
+        spread: covariance of its place; None where it is not known.
     """
     settings = SETTINGS.trials
     own = [(label, key, point) for label, key, points in _supports(model, "support_spring") for point in points]
@@ -79,7 +92,10 @@ def tighter_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: 
     label, key, point = own[at]
     present = float(model.values(theta)[label]["stiffness"])
     near = settings.near_node
-    if away[at] > near or present <= 0 or any(_away(model, one, x, y) <= near for one in named):
+    there = away[at] <= near
+    if not (there or away[at] <= settings.perhaps_node or _within(_off(model, point, x, y), spread)):
+        return None
+    if present <= 0 or any(_away(model, one, *model.mesh.places([point])[0].tolist()) <= near for one in named):
         return None
     options = {key: (point,)}
     effect = CATALOGUE["support_asymmetry"](**options)
@@ -89,7 +105,8 @@ def tighter_at(model: PlateModel, theta: Tensor, x: float, y: float, stiffness: 
     start = {"factor_1": min(1 + stiffness / present, interval.high)}
     trial = Trial(start, *settings.believed)
     candidate = Candidate(effect, options, {"factor_1": interval}, {"factor_1": 1.0}, (trial,))
-    return Tighter(candidate, -2 * math.log(min(1.0, len(own) * math.pi * near**2)))
+    by_chance = -2 * math.log(min(1.0, len(own) * math.pi * near**2)) if there else 0.0
+    return Tighter(candidate, by_chance, there)
 
 
 def _supports(model: PlateModel, name: str) -> list[tuple[str, str, tuple[Any, ...]]]:
@@ -103,6 +120,18 @@ def _supports(model: PlateModel, name: str) -> list[tuple[str, str, tuple[Any, .
     ]
 
 
+def _off(model: PlateModel, point: Any, x: float, y: float) -> Float[Tensor, "2"]:
+    """Where a support is, seen from a place, relative to the plate."""
+    return model.mesh.places([point])[0].cpu() - torch.tensor([x, y], dtype=torch.float64)
+
+
 def _away(model: PlateModel, point: Any, x: float, y: float) -> float:
     """How far a support is from a place, relative to the plate."""
-    return float((model.mesh.places([point])[0] - torch.tensor([x, y], dtype=torch.float64)).norm())
+    return float(_off(model, point, x, y).norm())
+
+
+def _within(off: Float[Tensor, "2"], spread: Float[Tensor, "2 2"] | None) -> bool:
+    """Whether a place is within the ellipse that holds nearly all of another's posterior: χ² of two degrees."""
+    if spread is None or not bool(spread.isfinite().all()):
+        return False
+    return float(off @ torch.linalg.pinv(spread.cpu(), hermitian=True) @ off) <= -2 * math.log(SETTINGS.trials.left_out)

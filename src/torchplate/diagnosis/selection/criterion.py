@@ -9,9 +9,9 @@ L the likelihood beside the nuisances as they were found, C what these cost: how
 tempers the likelihood, because noise and nuisances are not known any better: n numbers count as n_eff = w n. Of C
 counts w + (1 − w) / κ²: where far more than noise is left, κ² times as much, nuisances take on what the model lacks,
 and say no more than the data do. w and κ are those of the hypothesis that leaves least, the same for all that are
-compared. Where
-noise is left, 1/n_eff = 1/n + ε; where more is left, the rest is not independent from line to line, and it says no
-more than there are frequencies, dampings and deflections of modes:
+compared. Where half of all cases of an effect lie near no change, what such a prior holds joins it (`diagnosis.usual`).
+Where noise is left, 1/n_eff = 1/n + ε; where more is left, the rest is not independent from line to line, and it says
+no more than there are frequencies, dampings and deflections of modes:
 
     1/n_eff = (1 − u − v) / n₀ + u / min(n₀, n_modal) + v / min(n₀, n_second),    1/n₀ = 1/n + ε,
 
@@ -37,6 +37,7 @@ from torch import Tensor
 from torchplate.diagnosis.candidates.candidate import Candidate, nameable
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.target import FrfTarget
+from torchplate.diagnosis.usual import Usual
 from torchplate.discrepancy import Found
 from torchplate.model import PlateModel
 
@@ -106,7 +107,22 @@ class Hypothesis:
 
     def against(self, weight: Weight) -> float:
         """−2 ln Z and of the prior probability, at a weight of likelihood and nuisances."""
-        return evidence(self.fit, weight) + self.prior
+        return evidence(self.fit, weight) + self.prior + self.rarity(weight)
+
+    def rarity(self, weight: Weight, fit: Fit | None = None) -> float:
+        """−2 ln of what its prior holds of its posterior, over what a uniform one does.
+
+        Args:
+            weight: of likelihood and nuisances.
+            fit: with it among others; left out, its own.
+        """
+        if not self.candidate.usual:
+            return 0.0
+        fit = fit or self.fit
+        usual = Usual.of(fit.model, {self.label: self.candidate})
+        prior = torch.where(fit.told > 0, fit.told, UNIFORM)
+        covariance = torch.linalg.inv(weight.likelihood * fit.information + torch.diag(prior))
+        return usual.of_posterior(fit.model.space.to_cube(fit.theta), covariance)
 
 
 @dataclass(frozen=True)

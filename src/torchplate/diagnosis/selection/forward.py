@@ -423,7 +423,8 @@ class ForwardSelection:
             return None
         weight = weight_of([state.fit, best.fit])
         none = evidence(state.fit, weight) - 2 * math.log(1 - state.fit.comparison.missing)
-        both = evidence(best.fit, weight) + sum(one.hypothesis.prior for one in best.named)
+        added = [one.hypothesis for one in best.named]
+        both = evidence(best.fit, weight) + sum(one.prior + one.rarity(weight, best.fit) for one in added)
         return best if both < none else None
 
     def _beside_those_that_stay(self, pair: State, rankings: list[Ranked]) -> State:

@@ -36,6 +36,7 @@ class Grounded:
         """What is grounded at a place, with the penalty of ending at a support; and the supports that it may be.
 
         Where no support is, that is a further one, spring and dashpot at once; else the one that is there, tighter.
+        Both are asked for where it may be at a support.
 
         Args:
             state: without it.
@@ -49,19 +50,25 @@ class Grounded:
         values = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))
         at = {name: values.get(f"{found.label}.{name}", 0.0) for name in ("x", "y", *STRENGTHS)}
         theta = torch.tensor([values[name] for name in state.model.names]).to(state.fit.theta)
-        tighter = tighter_at(state.model, theta, at["x"], at["y"], at["stiffness"])
+        place = [found.fit.model.names.index(f"{found.label}.{axis}") for axis in ("x", "y")]
+        spread = found.fit.covariance[place][:, place]
+        tighter = tighter_at(state.model, theta, at["x"], at["y"], at["stiffness"], spread)
         if tighter is not None:
             found = replace(found, coincidence=tighter.coincidence)
-        wanted = [tighter.candidate] if tighter else supports_at(state.model, theta, *at.values())
-        supports = [self._priced(self.refits.from_trials(state, one, theta, hopeless, beat), found) for one in wanted]
-        best = min(supports, key=lambda one: one.fit.cost)
-        # One number more takes so much by chance, or because it is there; else the way there had stopped short.
-        nearer = found.fit.cost - self.settings.nothing**2 / weight_of([best.fit]).likelihood
-        if tighter is None and best.fit.cost < nearer and not taken_up:
-            again = self._from_support(state, found, best, hopeless)
-            if again.fit.cost < nearer:
-                return self.as_supports(state, again, hopeless, beat, taken_up=True)
-        return found, supports
+        further = [] if tighter and tighter.there else supports_at(state.model, theta, *at.values())
+        refit = [
+            self._priced(self.refits.from_trials(state, one, theta, hopeless, beat), found)
+            for one in (*further, *([tighter.candidate] if tighter else []))
+        ]
+        if further and not taken_up:
+            best = min(refit[: len(further)], key=lambda one: one.fit.cost)
+            # One number more takes so much by chance, or because it is there; else the way there had stopped short.
+            nearer = found.fit.cost - self.settings.nothing**2 / weight_of([best.fit]).likelihood
+            if best.fit.cost < nearer:
+                again = self._from_support(state, found, best, hopeless)
+                if again.fit.cost < nearer:
+                    return self.as_supports(state, again, hopeless, beat, taken_up=True)
+        return found, refit
 
     def _priced(self, support: Hypothesis, found: Hypothesis) -> Hypothesis:
         """A support at a place that a spring or dashpot has found, with what the choice of the place costs.

@@ -25,6 +25,7 @@ class Trials:
         near_node: a place found is taken for a node's or a support's if it is this near to it, relative to the plate
             [-].
         perhaps_node: and may be it if it is this near [-].
+        left_out: or if it is within an ellipse that leaves out this part of the place's posterior [-].
         weakest: strength of the weakest of the members that are tried at a place already found, over the strongest [-]:
             two decades, in which the strengths of what tests have found lie.
         most_members: of all values together, of a candidate with several parameters [-].
@@ -45,6 +46,7 @@ class Trials:
     slackest: float = 5.0
     near_node: float = 0.012
     perhaps_node: float = 0.04
+    left_out: float = 0.01
     weakest: float = 0.01
     most_members: int = 60
     most_corners: int = 81

@@ -24,6 +24,7 @@ from torchplate.diagnosis.table.plates import MeshKind, Plates
 from torchplate.diagnosis.table.refit import Minimum, Prior, Problem, together
 from torchplate.diagnosis.table.settings import TableSettings
 from torchplate.diagnosis.table.whole_box import over_the_box
+from torchplate.diagnosis.usual import Usual
 from torchplate.model import PlateModel
 
 
@@ -147,13 +148,15 @@ class Comparing:
         model = self.plates.with_effects([part.candidate for part in hypothesis.parts], hypothesis.labels)
         column = ordered(hypothesis, model.names, self.plates.model.names)
         extra = _distinct([mode for part in hypothesis.parts for mode in part.modes])
-        minima = self._problem(model, extra).minima(hypothesis.starts[:, column], hopeless=hopeless)
+        minima = self._problem(model, extra, hypothesis).minima(hypothesis.starts[:, column], hopeless=hopeless)
         self.plates.n_evaluation += len(hypothesis.starts) * self.settings.n_iteration
         return Weighed(hypothesis, model, tuple(minima), together(minima), extra)
 
-    def _problem(self, model: PlateModel, extra: Sequence[Tensor]) -> Problem:
+    def _problem(self, model: PlateModel, extra: Sequence[Tensor], one: Hypothesis | None) -> Problem:
         """A model in the shared modes and some more. As large as all its elements in that basis: it is not kept."""
-        return Problem(self.plates.reduced(model, extra), self.plates.evidence, self.prior, self.settings)
+        parts = () if one is None else zip(one.labels, one.parts, strict=True)
+        usual = Usual.of(model, {label: part.candidate for label, part in parts})
+        return Problem(self.plates.reduced(model, extra), self.plates.evidence, self.prior, self.settings, usual)
 
     def rebuilt(self, found: Weighed) -> Weighed:
         """The same with the modes of the plate that was found in the basis: right in all dofs there."""
@@ -161,7 +164,7 @@ class Comparing:
         plates, model = self.plates, found.model
         own = [mode for part in found.hypothesis.parts for mode in part.modes]
         extra = _distinct([*own, plates.solved(model, found.theta).shape])
-        problem = self._problem(model, extra)
+        problem = self._problem(model, extra, found.hypothesis)
         turned = {one.turns for one in found.minima}
         kept = [one for one in found.minima if one.evidence < found.best.evidence + self.settings.near]
         # The basis is right at the best minimum and not at its images, which were told before.
@@ -172,7 +175,7 @@ class Comparing:
 
     def integrated(self, found: Weighed) -> Weighed:
         """The same, its likelihood integrated over all its values."""
-        problem = self._problem(found.model, found.modes)
+        problem = self._problem(found.model, found.modes, found.hypothesis)
         if not problem.free:
             return found
         drawn = over_the_box(problem, found.minima)

@@ -23,11 +23,13 @@ from torch import Tensor
 from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.natural import Natural
 from torchplate.diagnosis.table.settings import TableSettings
+from torchplate.diagnosis.usual import Usual
 from torchplate.search import LeastSquaresOutcome, Residual, least_squares
 
 Prior = Mapping[str, tuple[float, float]]
 # A parameter this near to an end of its interval is on it, on the unit cube: rounding.
 ON_BOUND = 1e-6
+NOTHING_USUAL = Usual()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +72,14 @@ class Problem:
         evidence: the table.
         prior: "label.parameter" → mean and standard deviation.
         settings: constants.
+        usual: of its effects, what half of all cases have near no change.
     """
 
     natural: Natural
     evidence: TableEvidence
     prior: Prior
     settings: TableSettings
+    usual: Usual = NOTHING_USUAL
 
     @property
     def known(self) -> list[tuple[int, float, float]]:
@@ -180,6 +184,9 @@ class Problem:
         bound = (position <= ON_BOUND) | (position >= 1 - ON_BOUND)
         if n:
             cost += _cut_off(position, gradient, precision, before, bound)
+        if self.usual.of_effects:
+            usual = self.usual.of_posterior(position, torch.linalg.inv(precision))
+            cost, peak = cost + usual, peak + usual
         n_effective = float(torch.linalg.solve(precision, information).diagonal().sum()) if n else 0.0
         turned = self.turned(position)
         if turns is None:
@@ -203,7 +210,7 @@ class Problem:
         if told.shape[-1]:
             rate = self.known_slope(position).sum(-1).abs()
             found = found + (told.square() + math.log(2 * math.pi) - 2 * rate.log()).sum(-1)
-        return found
+        return found + self.usual.at(position)
 
     def nearest_image(self, position: Float[Tensor, "n_member n"], one: Minimum) -> Float[Tensor, "n_member n"]:
         """The same plates turned over so that they are nearest to a minimum."""
