@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 from torchplate.diagnosis.estimates import estimates
-from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import Estimate, Named
 from torchplate.diagnosis.selection.criterion import Hypothesis, is_explained
@@ -46,7 +45,7 @@ def as_named(builder: ModelBuilder, naming: Naming, last: State, gaps: tuple[flo
         label=hypothesis.label,
         options=hypothesis.candidate.options,
         equivalent=equivalent,
-        confidence=round(_confidence(naming, final, builder), 3),
+        confidence=round(naming.confidence(final, is_explained(final, builder.target)), 3),
         parameters=parameters,
         evidence=text,
         gap_before=before,
@@ -70,14 +69,6 @@ def _chance(naming: Naming) -> str:
         f"; it takes {fall:.3g} from −2 ln L, and chance lets it take {naming.by_chance:.3g}: of a hundred tests in "
         "which nothing is missing, one has an effect that takes more"
     )
-
-
-def _confidence(naming: Naming, final: Fit, builder: ModelBuilder) -> float:
-    """Posterior probability of the set; of what the last model leaves unexplained it accounts for nothing."""
-    found = naming.known.confidence
-    if is_explained(final, builder.target):
-        return found
-    return found * max(0.0, 1 - final.gap / max(naming.before.gap, 1e-300))
 
 
 def _values(parameters: Mapping[str, Estimate], hypothesis: Hypothesis) -> str:

@@ -11,7 +11,7 @@ from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate, without_candidate
 from torchplate.diagnosis.problem import Prior
-from torchplate.diagnosis.selection.criterion import Hypothesis, choose, is_needed, known_section
+from torchplate.diagnosis.selection.criterion import Hypothesis, choose, is_explained, is_needed, known_section
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.trace import Naming, State
 from torchplate.diagnosis.settings import SETTINGS
@@ -145,6 +145,29 @@ class Exchange:
     def _exchanged(state: State, naming: Naming, rival: Hypothesis) -> PlateModel:
         without = without_candidate(state.model, naming.hypothesis.label, naming.hypothesis.candidate)
         return with_candidate(without, rival.label, rival.candidate)
+
+    def without_improbable(self, state: State, builder: ModelBuilder) -> State:
+        """Without those names that are less probable than it was beforehand that no effect describes what is missing.
+
+        Where more than noise is left, a name accounts for what it takes off the gap, and for no more.
+
+        Args:
+            state: the last model.
+            builder: on whose mesh it was fitted.
+        """
+        explained = is_explained(state.fit, builder.target)
+        sure = {id(one): one.confidence(state.fit, explained) for one in state.named}
+        worst = min(state.named, key=lambda one: sure[id(one)], default=None)
+        if worst is None or explained or sure[id(worst)] >= state.fit.comparison.beyond:
+            return state
+        self.say(f"{worst.hypothesis.name} takes nothing off the gap in the end: it is no name")
+        model = without_candidate(state.model, worst.hypothesis.label, worst.hypothesis.candidate)
+        kept = [state.model.names.index(name) for name in model.names]
+        # What an interval was widened for may lie outside of it.
+        start = model.space.to_cube(state.fit.theta[kept])[None].clamp(0.0, 1.0)
+        found = fit(builder, model, start, self.prior, wide=False, about=known_section(state.fit))
+        rest = tuple(one for one in state.named if one is not worst)
+        return self.without_improbable(State(model, found, rest), builder)
 
     def without_needless(self, state: State, builder: ModelBuilder, doubted: Sequence[Naming]) -> State:
         """Take out again those of the doubted effects that the other ones made needless."""

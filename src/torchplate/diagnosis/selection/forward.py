@@ -228,7 +228,7 @@ class ForwardSelection:
         state = _worth_their_names(state, self.settings)
         if (pair := self._two_that_promise(state, rankings, most_effects)) is not None:
             state = self._beside_those_that_stay(pair, rankings)
-        return self.settling.ended(state), rankings
+        return self.settling.last(state, self.begun), rankings
 
     def _restarted(self, state: State, choice: Choice, ranked: Ranked) -> tuple[Choice, Ranked]:
         """The best hypothesis from where members spread over the box lead, if more than noise is left of it.

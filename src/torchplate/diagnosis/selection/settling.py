@@ -41,6 +41,24 @@ class Settling:
             return settled
         return state
 
+    def last(self, state: State, begun: State) -> State:
+        """The state, settled, without names that account for nothing of what it leaves.
+
+        Args:
+            state: with everything that was named.
+            begun: with nothing: what is left where no name stays.
+        """
+        ended = self.ended(state)
+        if not ended.named:
+            return ended
+        builder = self.on_a_finer_mesh(ended) if self._is_little(ended) else self.builder
+        kept = self.exchange.without_improbable(ended, builder)
+        return kept if kept.named else self.ended(begun)
+
+    def _is_little(self, state: State) -> bool:
+        """Whether so little is left that the mesh may be what that is."""
+        return state.fit.by_noise and state.fit.reduced_misfit < self.settings.doubtful
+
     def settled(self, state: State, doubted: bool = False) -> State:
         """The last model once more, with the mesh error taken off where it now is.
 
@@ -51,7 +69,7 @@ class Settling:
         if not state.named and is_noise(state.fit):
             return state
         state = self.exchange.judged_again(state)
-        little = state.fit.by_noise and state.fit.reduced_misfit < self.settings.doubtful
+        little = self._is_little(state)
         if not little and not state.named:
             return state
         if little:

@@ -60,6 +60,16 @@ class Naming:
         """The choice as it is known last."""
         return self.again or self.choice
 
+    def confidence(self, final: Fit, explained: bool) -> float:
+        """Posterior probability of the set; of what the last model leaves unexplained it accounts for nothing.
+
+        Args:
+            final: the last model's fit.
+            explained: whether that leaves nothing but noise and nuisances.
+        """
+        share = 1.0 if explained else max(0.0, 1 - final.gap / max(self.before.gap, 1e-300))
+        return self.known.confidence * share
+
 
 @dataclass(frozen=True)
 class Trace:
