@@ -433,10 +433,38 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
         )
         selection._two_that_promise(state, [several], 3)
         assert len(states) == n_tried
+    # Nor any, where two were looked for already, from the best one.
+    for evaluated, n_ranking, n_tried in ((0, 2, 2), (SETTINGS.selecting.enough + 1, 2, 0)):
+        states.clear()
+        monkeypatch.setattr(ModelBuilder, "n_evaluation", property(lambda _, n=evaluated: n))
+        selection._two_that_promise(state, [several] * n_ranking, 3)
+        assert len(states) == n_tried
     monkeypatch.setattr(selection, "_needed", needed)
     # Nor if both explain no more than none does.
     both = replace(both, fit=far)
     assert selection._two_that_promise(state, [ranked(0.6, 0.3, 0.1)], 3) is None
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(
+    ("misfit", "by_noise", "evaluated", "enough"),
+    [
+        (500.0, True, 10**5, True),
+        (500.0, True, 10, False),
+        # Little is left: a third may be all that is missing.
+        (5.0, True, 10**5, False),
+        # Beside an inflated error squares say nothing of how much is left.
+        (1.0, False, 10**5, True),
+    ],
+)
+def test_a_third_effect_is_not_looked_for_where_two_leave_far_more_than_noise_and_much_was_tried(
+    lab, monkeypatch, misfit, by_noise, evaluated, enough
+):
+    scene = lab.Scene()
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    left = lab.leaving(scene.fit, misfit * scene.fit.judged.n)._replace(by_noise=by_noise)
+    monkeypatch.setattr(ModelBuilder, "n_evaluation", property(lambda _: evaluated))
+    assert selection._tried_enough(replace(scene.state, fit=left)) is enough
 
 
 @torch.no_grad()

@@ -301,6 +301,24 @@ def test_what_sits_at_a_place_and_what_does_not_are_refitted_together_beside_a_k
 
 
 @torch.no_grad()
+def test_what_left_next_to_nothing_beside_the_plate_as_told_is_not_looked_for_beside_smoothed_frfs(lab):
+    scene = lab.Scene()
+    ranking, gain = scene.ranking, scene.hypothesis("sensor_gain")
+
+    def enough(misfit: float, beside: str) -> bool:
+        one = replace(gain, fit=lab.leaving(gain.fit, misfit * gain.fit.judged.n))
+        loud = one.fit._replace(judged=one.fit.judged._replace(noise_scale=misfit**0.5))
+        told = replace(scene.state)
+        here = told if beside == "told" else scene.state
+        return ranking._near_enough(scene.state, told, here, [], [replace(one, fit=loud)])
+
+    # A mean square of 2.5 is what smoothed FRFs would not show.
+    assert [enough(misfit, "told") for misfit in (1.0, 2.4, 2.6)] == [True, True, False]
+    # Beside a specimen that took on what is missing, it may be that specimen: only noise is enough.
+    assert [enough(misfit, "state") for misfit in (1.0, 2.4)] == [True, False]
+
+
+@torch.no_grad()
 def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
     scene = lab.Scene(hidden={"wire": (700.0, 0.2)})
     spring = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))

@@ -223,12 +223,17 @@ class ForwardSelection:
             if settled is not None:
                 return settled, rankings
             state = further or single
-            if further is None or not _explains_much(state, self.settings):
+            if further is None or not _explains_much(state, self.settings) or self._tried_enough(state):
                 break
         state = _worth_their_names(state, self.settings)
         if (pair := self._two_that_promise(state, rankings, most_effects)) is not None:
             state = self._beside_those_that_stay(pair, rankings)
         return self.settling.last(state, self.begun), rankings
+
+    def _tried_enough(self, state: State) -> bool:
+        """Whether two effects leave far more than noise and so much was evaluated that a third is not looked for."""
+        little = state.fit.by_noise and state.fit.reduced_misfit <= self.settings.doubtful
+        return not little and self.builder.n_evaluation > self.settings.enough
 
     def _restarted(self, state: State, choice: Choice, ranked: Ranked) -> tuple[Choice, Ranked]:
         """The best hypothesis from where members spread over the box lead, if more than noise is left of it.
@@ -383,6 +388,9 @@ class ForwardSelection:
         """
         settings = self.settings
         if state.named or most_effects < 2 or is_noise(state.fit) or not state.fit.by_noise or not rankings:
+            return None
+        if len(rankings) > 1 and self.builder.n_evaluation > settings.enough:
+            # Two were looked for already, from the best one.
             return None
         ranked = rankings[0]
         promised = {one.candidate.name: one for one in reversed(ranked.promises)}

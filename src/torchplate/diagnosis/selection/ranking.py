@@ -120,10 +120,7 @@ class Ranking:
         if not nearly_right:
             if much:
                 hypotheses, chosen = hypotheses + self._refitted(state, chosen, hypotheses), []
-            done = kept(promises, hypotheses, state, screening, selecting.doubtful)
-            if told is not state:
-                done = any(is_noise(one.fit) for one in hypotheses)
-            if not done:
+            if not self._near_enough(state, told, here, promises, hypotheses):
                 if told is not here:
                     base, everyone = self._catalogue_beside(told)
                 widely_scored, further = self._widely(told, base, everyone)
@@ -152,6 +149,27 @@ class Ranking:
             ended += [priced, *(one for one in supports if one.fit.reduced_misfit <= selecting.little)]
         every = tuple(best_of_each(ended))
         return Ranked(tuple(promises), every, by_chance, frozenset(self._far), ways=self._ways)
+
+    def _near_enough(
+        self, state: State, told: State, here: State, promises: Sequence[Scored], hypotheses: Sequence[Hypothesis]
+    ) -> bool:
+        """Whether candidates need not be looked for where peaks do not overlap, after those where they do.
+
+        Args:
+            state: beside which they are looked for.
+            told: the same beside the plate as it was told.
+            here: the one of these that they were scored beside.
+            promises: what they promised.
+            hypotheses: what was refitted.
+        """
+        settings = self.settings.selecting
+        least = min((one.fit.reduced_misfit for one in hypotheses), default=math.inf)
+        if told is state:
+            return kept(promises, hypotheses, state, self.settings.screening, settings.doubtful)
+        if here is told and least <= self.settings.screening.nearly_right:
+            # Of what was far off next to nothing is left, which smoothed FRFs would not show.
+            return True
+        return any(is_noise(one.fit) for one in hypotheses)
 
     def from_there(self, state: State, best: Hypothesis, others: Sequence[Hypothesis], before: Fit) -> list[Hypothesis]:
         """A hypothesis with what came near it, fitted again from where that has been taken since.

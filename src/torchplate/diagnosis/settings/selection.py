@@ -118,7 +118,8 @@ class Selecting:
         much_less: a pair that leaves at most this part of what its first effect does is judged again at once [-].
         beside: a second effect is looked for beside the second best too, if that leaves no more than so many times as
             much [-].
-        enough: but not once so many members were evaluated [-]: it seldom is worth as long again.
+        enough: but not once so many members were evaluated [-]: it seldom is worth as long again. Nor is a third effect
+            beside two that leave far more than noise, nor two that promise much where two were looked for already.
         stopped_soon: a baseline that ends lower by this part than it did had stopped too soon [-].
         n_again: what came near in the ranking before and is tried again, so many at most [-].
         n_run_off: times that those close to the best are refitted from where they ended [-].
