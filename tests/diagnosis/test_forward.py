@@ -13,7 +13,7 @@ import torch
 import torchplate as tp
 from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.fit import fit
-from torchplate.diagnosis.judged import judged_at
+from torchplate.diagnosis.judged import Fit, judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.selection import forward, ranking, settling
 from torchplate.diagnosis.selection.criterion import choose
@@ -521,6 +521,55 @@ def test_where_far_more_than_noise_is_left_a_second_is_looked_for_where_smoothed
     # Where it ended sharply is tried, too.
     assert states[-1] is single
     assert len(states) == 1 + first
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(("leaves", "needed"), [(5e5, True), (1.7e6, False)])
+def test_a_second_effect_has_to_be_more_probable_than_the_first_alone_at_its_end(lab, monkeypatch, leaves, needed):
+    """Where smoothed FRFs had taken the first, it leaves more: what does nothing takes a part of that."""
+    scene = lab.Scene()
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    alone = scene.hypothesis("sensor_gain")
+    before = State(scene.state.model, lab.leaving(scene.fit, 9e6))
+    alone = replace(alone, fit=lab.leaving(alone.fit, 1.6e6))
+    single = selection._added(before, choose([alone], before.fit), Ranked((), (alone,)))
+    smoothed = replace(single, fit=lab.leaving(single.fit, 4e6))
+    second = scene.hypothesis("point_mass", state=single)
+    ranked = Ranked((), (replace(second, fit=lab.leaving(second.fit, leaves)),))
+    monkeypatch.setattr(selection, "_where_smoothed", lambda *_: [smoothed])
+    monkeypatch.setattr(selection.ranking, "at", lambda state: ranked if state is smoothed else Ranked((), ()))
+    assert selection._needed(smoothed, []) is not None
+    further, _ = selection._pairs(before, ranked, single, [])
+    assert (further is not None) == needed
+    if further is not None:
+        # What it explains is told from there, too.
+        assert further.previous is single
+        assert further.named[-1].before is single.fit
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(("off", "taken"), [(0.0, True), (50.0, False)])
+def test_an_end_elsewhere_in_the_box_counts_by_what_hypotheses_are_compared_by(lab, monkeypatch, off, taken):
+    """Far from noise a sum of squares counts for little, and what is known of a number for all that it is."""
+    scene = lab.Scene()
+    said: list[str] = []
+    selection = ForwardSelection(scene.builder, {}, said.append)
+    state = State(scene.state.model, lab.leaving(scene.fit, 1e5))
+    best = scene.hypothesis("sensor_gain")
+    best = replace(best, fit=far_from_noise(lab.leaving(best.fit, 5e4)))
+    there = far_from_noise(lab.leaving(best.fit, 4.98e4))._replace(prior=off)
+    monkeypatch.setattr(forward, "fit_from_the_box", lambda *_: there)
+    monkeypatch.setattr(selection.ranking, "from_there", lambda _, one, *__: [one])
+    assert there.cost < best.fit.cost
+    choice, ranked = selection._restarted(state, choose([best], state.fit), Ranked((), (best,)))
+    assert (choice.best.fit is there) == taken
+    assert (ranked.hypotheses[0].fit is there) == taken
+    assert bool(said) == taken
+
+
+def far_from_noise(found: Fit) -> Fit:
+    """As if the noise were as large as what is left."""
+    return found._replace(judged=found.judged._replace(noise_scale=found.reduced_misfit**0.5))
 
 
 @torch.no_grad()

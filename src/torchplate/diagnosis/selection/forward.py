@@ -239,7 +239,8 @@ class ForwardSelection:
         """The best hypothesis from where members spread over the box lead, if more than noise is left of it.
 
         A baseline that lacks an effect may have ended in a basin of its own, and its effects with it: what came near
-        the best is then fitted again from there, too.
+        the best is then fitted again from there, too. It counts by what hypotheses are compared by: an end that is
+        nearer, but where numbers are far from what is known of them, may be less probable than the one before.
         """
         best = choice.best
         if is_noise(best.fit) or not best.fit.by_noise:
@@ -250,10 +251,11 @@ class ForwardSelection:
         found = fit_from_the_box(
             self.builder, with_candidate(state.model, best.label, best.candidate), self.prior, start, free
         )
-        if found.cost >= best.fit.cost:
+        there, weight = replace(best, fit=found), weight_of([best.fit, found])
+        if found.cost >= best.fit.cost or there.against(weight) >= best.against(weight):
             return choice, ranked
         self.say(f"  {best.name}: misfit {found.reduced_misfit:.4g} from elsewhere in the box")
-        every = self.ranking.from_there(state, replace(best, fit=found), ranked.hypotheses, best.fit)
+        every = self.ranking.from_there(state, there, ranked.hypotheses, best.fit)
         seen = {one.name for one in every}
         every += [one for one in ranked.hypotheses if one.name not in seen]
         return choose(every, state.fit), replace(ranked, hypotheses=tuple(every))
@@ -357,6 +359,9 @@ class ForwardSelection:
             names = " + ".join(one.hypothesis.name for one in start.named)
             self.say(f"{names} leaves {start.fit.reduced_misfit:.3g}: looking for what else is missing")
             needed = self._needed(start, rankings)
+            if needed is not None and start.model is single.model and single.fit.cost < start.fit.cost:
+                # Smoothed FRFs had taken it there, which is no end of it: what a second is worth shows beside its end.
+                start, needed = single, self._judged(single, needed[1])
             if needed is None:
                 continue
             found = self._added(start, *needed)
@@ -456,6 +461,11 @@ class ForwardSelection:
         """The best of the catalogue beside a state, if it is more probable than none; the ranking joins the others."""
         ranked = self.ranking.at(state)
         rankings.append(ranked)
+        return self._judged(state, ranked)
+
+    @staticmethod
+    def _judged(state: State, ranked: Ranked) -> tuple[Choice, Ranked] | None:
+        """The best of a ranking, if it is more probable than none beside a state."""
         if not ranked.hypotheses:
             return None
         choice = choose(ranked.hypotheses, state.fit)
