@@ -21,6 +21,7 @@ from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.screen import Scored
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
+from torchplate.diagnosis.selection.worth import explains_some, tried_enough, worth_their_names
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE, Effect, Parameter
@@ -318,7 +319,7 @@ def test_where_more_is_missing_a_name_has_to_take_a_part_of_what_is_left(lab, by
     less = lab.leaving(scene.fit, squares * 1e6)._replace(left=gaps * 0.8, by_noise=by_noise)
     before = State(scene.state.model, far)
     named = State(scene.state.model, less, (Naming(hypothesis, choose((hypothesis,), far), far),), before)
-    assert forward._worth_their_names(named, SETTINGS.selecting) is (named if worth else before)
+    assert worth_their_names(named, SETTINGS.selecting) is (named if worth else before)
 
 
 def test_either_frfs_or_a_table_are_needed(lab):
@@ -458,13 +459,11 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
     ],
 )
 def test_a_third_effect_is_not_looked_for_where_two_leave_far_more_than_noise_and_much_was_tried(
-    lab, monkeypatch, misfit, by_noise, evaluated, enough
+    lab, misfit, by_noise, evaluated, enough
 ):
     scene = lab.Scene()
-    selection = ForwardSelection(scene.builder, {}, lambda _: None)
     left = lab.leaving(scene.fit, misfit * scene.fit.judged.n)._replace(by_noise=by_noise)
-    monkeypatch.setattr(ModelBuilder, "n_evaluation", property(lambda _: evaluated))
-    assert selection._tried_enough(replace(scene.state, fit=left)) is enough
+    assert tried_enough(replace(scene.state, fit=left), evaluated, SETTINGS.selecting) is enough
 
 
 @torch.no_grad()
@@ -766,14 +765,13 @@ def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab
 def test_where_oversized_nuisances_leave_noise_squares_do_not_say_what_explains_something(lab):
     """A window that takes hundreds from −2 ln L, and one part in thirty from a sum of squares that is noise."""
     scene = lab.Scene(hidden={"gain": 1.0})
-    selection = ForwardSelection(scene.builder, {}, lambda _: None)
     hypothesis, n = scene.hypothesis("sensor_gain"), scene.fit.judged.n
     near, less = (lab.leaving(scene.fit, times * n) for times in (0.97, 0.94))
-    assert selection._explains_some(near, replace(hypothesis, fit=less))
-    assert selection._explains_some(near, replace(hypothesis, fit=less), by_cost=True)
+    assert explains_some(near, replace(hypothesis, fit=less), SETTINGS.selecting)
+    assert explains_some(near, replace(hypothesis, fit=less), SETTINGS.selecting, by_cost=True)
     # Far from noise a thirtieth is little.
     far, less = (lab.leaving(scene.fit, times * n) for times in (97.0, 94.0))
-    assert not selection._explains_some(far, replace(hypothesis, fit=less), by_cost=True)
+    assert not explains_some(far, replace(hypothesis, fit=less), SETTINGS.selecting, by_cost=True)
 
 
 @torch.no_grad()

@@ -37,7 +37,7 @@ from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.screen import twins
 from torchplate.diagnosis.selection.settling import Settling
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
-from torchplate.diagnosis.settings import Selecting
+from torchplate.diagnosis.selection.worth import explains_much, explains_some, tried_enough, worth_their_names
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.tolerance import with_tolerances
 from torchplate.model import PlateModel
@@ -223,17 +223,16 @@ class ForwardSelection:
             if settled is not None:
                 return settled, rankings
             state = further or single
-            if further is None or not _explains_much(state, self.settings) or self._tried_enough(state):
+            if (
+                further is None
+                or not explains_much(state, self.settings)
+                or tried_enough(state, self.builder.n_evaluation, self.settings)
+            ):
                 break
-        state = _worth_their_names(state, self.settings)
+        state = worth_their_names(state, self.settings)
         if (pair := self._two_that_promise(state, rankings, most_effects)) is not None:
             state = self._beside_those_that_stay(pair, rankings)
         return self.settling.last(state, self.begun), rankings
-
-    def _tried_enough(self, state: State) -> bool:
-        """Whether two effects leave far more than noise and so much was evaluated that a third is not looked for."""
-        little = state.fit.by_noise and state.fit.reduced_misfit <= self.settings.doubtful
-        return not little and self.builder.n_evaluation > self.settings.enough
 
     def _restarted(self, state: State, choice: Choice, ranked: Ranked) -> tuple[Choice, Ranked]:
         """The best hypothesis from where members spread over the box lead, if more than noise is left of it.
@@ -314,23 +313,6 @@ class ForwardSelection:
         needed = self._needed(before, rankings)
         return None if needed is None else self._explained(self._added(before, *needed), doubted=True)
 
-    def _explains_some(self, before: Fit, hypothesis: Hypothesis, by_cost: bool = False) -> bool:
-        """Whether an effect explains so much that looking for another beside it is worth the time.
-
-        Args:
-            before: the fit without it.
-            hypothesis: with it.
-            by_cost: a smaller gap alone is not enough, if the model is believed.
-        """
-        after, settings = hypothesis.fit, self.settings
-        if after.by_noise and before.reduced_misfit <= settings.doubtful:
-            # Nuisances larger than tests have them leave no more than noise does: squares say nothing of what is left.
-            return True
-        gaps = [one.left for one in (before, after)]
-        part = settings.explains_much if hypothesis.candidate.searched else settings.explains_some
-        smaller = gaps[1] <= settings.explains_some * gaps[0] and not (by_cost and after.by_noise)
-        return smaller or (after.by_noise and after.square <= part * before.square)
-
     def _pairs(
         self, state: State, ranked: Ranked, single: State, rankings: list[Ranked]
     ) -> tuple[State | None, State | None]:
@@ -343,13 +325,13 @@ class ForwardSelection:
         ordered = sorted(ranked.hypotheses, key=lambda one: one.cost)
         most = settings.beside * ordered[0].fit.reduced_misfit
         beam: list[State] = []
-        if self._explains_some(state.fit, single.named[-1].hypothesis):
+        if explains_some(state.fit, single.named[-1].hypothesis, settings):
             beam = [*self._where_smoothed(single, ranked), single]
         for other in ordered[1:]:
             if len(beam) >= settings.n_best or other.fit.reduced_misfit > most:
                 break
-            if is_needed(state.fit, other, ranked.chance(other.name)) and self._explains_some(
-                state.fit, other, by_cost=True
+            if is_needed(state.fit, other, ranked.chance(other.name)) and explains_some(
+                state.fit, other, settings, by_cost=True
             ):
                 beam.append(self._added(state, choose(ordered, state.fit, other), ranked))
         best: State | None = None
@@ -451,7 +433,7 @@ class ForwardSelection:
         names = " + ".join(one.hypothesis.name for one in state.named)
         self.say(f"{names} leaves {state.fit.reduced_misfit:.3g}: looking for what else is missing")
         needed = self._needed(state, rankings)
-        return state if needed is None else _worth_their_names(self._added(state, *needed), self.settings)
+        return state if needed is None else worth_their_names(self._added(state, *needed), self.settings)
 
     def _beside_a_finer_mesh(self, state: State) -> Ranked | None:
         # Settling itself asks the ranking, which is made before it.
@@ -476,23 +458,3 @@ class ForwardSelection:
         model = with_candidate(state.model, hypothesis.label, hypothesis.candidate)
         naming = Naming(hypothesis, choice, state.fit, ranked.hypotheses, by_chance=ranked.chance(hypothesis.name))
         return State(model, hypothesis.fit, (*state.named, naming), state, ranked)
-
-
-def _explains_much(state: State, settings: Selecting) -> bool:
-    """Whether the last effect explains much, or all that was left; else it may stand in for something else.
-
-    It has to show in the gap; beside an inflated model error, where squares say little, it has to take a part of that.
-    """
-    if state.previous is None or is_noise(state.fit):
-        return True
-    fit, before = state.fit, state.previous.fit
-    if not fit.by_noise:
-        return fit.left <= settings.explains_some * before.left
-    return fit.square <= settings.explains_much * before.square and fit.left <= settings.shows * before.left
-
-
-def _worth_their_names(state: State, settings: Selecting) -> State:
-    """Without the last effects, where something else is missing still and they only stand in for a little of it."""
-    while state.previous is not None and not _explains_much(state, settings):
-        state = state.previous
-    return state

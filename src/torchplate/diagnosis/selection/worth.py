@@ -1,0 +1,51 @@
+"""Whether what was added is worth going on beside it, and worth its name where more than noise is left of it."""
+
+from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
+from torchplate.diagnosis.selection.trace import State
+from torchplate.diagnosis.settings import Selecting
+
+
+def tried_enough(state: State, n_evaluation: int, settings: Selecting) -> bool:
+    """Whether two effects leave far more than noise and so much was evaluated that a third is not looked for."""
+    little = state.fit.by_noise and state.fit.reduced_misfit <= settings.doubtful
+    return not little and n_evaluation > settings.enough
+
+
+def explains_some(before: Fit, hypothesis: Hypothesis, settings: Selecting, by_cost: bool = False) -> bool:
+    """Whether an effect explains so much that looking for another beside it is worth the time.
+
+    Args:
+        before: the fit without it.
+        hypothesis: with it.
+        settings: of the selection.
+        by_cost: a smaller gap alone is not enough, if the model is believed.
+    """
+    after = hypothesis.fit
+    if after.by_noise and before.reduced_misfit <= settings.doubtful:
+        # Nuisances larger than tests have them leave no more than noise does: squares say nothing of what is left.
+        return True
+    gaps = [one.left for one in (before, after)]
+    part = settings.explains_much if hypothesis.candidate.searched else settings.explains_some
+    smaller = gaps[1] <= settings.explains_some * gaps[0] and not (by_cost and after.by_noise)
+    return smaller or (after.by_noise and after.square <= part * before.square)
+
+
+def explains_much(state: State, settings: Selecting) -> bool:
+    """Whether the last effect explains much, or all that was left; else it may stand in for something else.
+
+    It has to show in the gap; beside an inflated model error, where squares say little, it has to take a part of that.
+    """
+    if state.previous is None or is_noise(state.fit):
+        return True
+    fit, before = state.fit, state.previous.fit
+    if not fit.by_noise:
+        return fit.left <= settings.explains_some * before.left
+    return fit.square <= settings.explains_much * before.square and fit.left <= settings.shows * before.left
+
+
+def worth_their_names(state: State, settings: Selecting) -> State:
+    """Without the last effects, where something else is missing still and they only stand in for a little of it."""
+    while state.previous is not None and not explains_much(state, settings):
+        state = state.previous
+    return state
