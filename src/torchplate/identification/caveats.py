@@ -76,8 +76,8 @@ def of_sign(objective: Objective, theta: Tensor) -> list[str]:
     turned, mirrored = float(objective.turned_gap(theta)), float(objective.mirrored_gap(theta))
     if mirrored < MIRRORED * min(gap, turned):
         return [
-            f"With the phases of all FRFs mirrored the gap is {percent(mirrored)}: they are of exp(−iωt) where "
-            "exp(+iωt) is expected. Write the complex conjugate of each."
+            f"With the phases of all FRFs mirrored the gap is {percent(mirrored)} instead of {percent(gap)}: they are "
+            "of exp(−iωt) where exp(+iωt) is expected. Write the complex conjugate of each."
         ]
     if gap < NOTHING:
         return []
@@ -85,7 +85,7 @@ def of_sign(objective: Objective, theta: Tensor) -> list[str]:
     if not turned < NOTHING or percent(turned) == percent(NOTHING):
         return []
     return [
-        f"With the sign of all FRFs turned the gap is {percent(turned)}: a sensor is mounted upside down, or a "
-        "direction is -Z where the file says +Z. Add the effect channel_polarity with channels: [[null, null]], or "
-        "turn the sign in the export."
+        f"With the sign of all FRFs turned the gap is {percent(turned)} instead of {percent(gap)}: a sensor is mounted "
+        "upside down, or a direction is -Z where the file says +Z. Add the effect channel_polarity with channels: "
+        "[[null, null]], or turn the sign in the export."
     ]

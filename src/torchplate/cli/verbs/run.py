@@ -121,7 +121,7 @@ def _run_states(
         if log is not None:
             log.close()
     result = json.loads((folder / "result.json").read_text())
-    say(console, folder, result, found.result.caveats)
+    say(console, folder, result, found.result)
     return Found(folder, result, found.result.caveats, remarks)
 
 
