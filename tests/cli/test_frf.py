@@ -253,3 +253,44 @@ def test_a_table_of_nodes_in_mm_gives_places_in_m(records, tmp_path, command):
     assert f"places are taken in mm, as the head of {tmp_path / 'nodes.csv'} says." in text
     places = {c.node: c.coordinate for c in read_measurement(tmp_path / "plate.uff").reference}
     assert places[12] == pytest.approx((0.26, 0.09, 0.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("rate", ["0", "-48000", "nan"])
+def test_a_rate_that_is_none_is_refused(rate, records, tmp_path, command, capsys):
+    try:
+        status, _, error = command("frf", *records, "--response", 7, 2, "--rate", rate, "--out", tmp_path / "plate.uff")
+    except SystemExit as ended:  # of the parser, which takes no nan
+        status, error = ended.code, capsys.readouterr().err
+    assert status == 2
+    assert "rate" in error
+    assert f"got {rate}" in error.replace("'", "")
+    assert not (tmp_path / "plate.uff").exists()
+
+
+def test_another_rate_than_the_files_is_taken_and_said(records, tmp_path, command):
+    out = tmp_path / "plate.uff"
+    said = command("frf", *records, "--response", 7, 2, "--scale", FULL, FULL, "--rate", 4096, "--out", out)[1]
+    assert "own rate is 2048 Hz, and 4096 Hz was taken" in said
+    # All frequencies are twice as high then.
+    level = read_measurement(out).frf[:, 0, 0].abs()
+    frequency = read_measurement(out).frequency
+    below = frequency < 200
+    assert float(frequency[below][level[below].argmax()]) == pytest.approx(2 * made.MODES[0][0], rel=0.02)
+
+
+def test_options_of_hits_are_said_to_be_left_aside_where_the_file_holds_frfs(tmp_path, command):
+    (tmp_path / "frf.csv").write_text("f,re,im\n" + "".join(f"{f},{1 / f},{-f / 9}\n" for f in range(1, 40)))
+    words = [
+        "frf",
+        tmp_path / "frf.csv",
+        "--response",
+        3,
+        "--reference",
+        28,
+        "--out",
+        tmp_path / "a.uff",
+        "--overwrite",
+    ]
+    said = command(*words, "--rate", 800, "--exponential-window", 0.5, "--keep-all")[1]
+    assert "--rate, --keep-all, --exponential-window: left aside, as the file holds FRFs" in said
+    assert "left aside" not in command(*words, "--scale", 2, 3, "--motion", "velocity")[1]

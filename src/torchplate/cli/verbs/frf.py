@@ -131,8 +131,27 @@ def _named_table(
             "--response 3 --reference 28 102, say."
         )
     measurement = _written(frfs_of_tables(records, tables, told.layout, references), out, told)
-    _say(measurement, f"{n_frf} ({measurement.kind}) from {records[0]}", out, console)
+    unused = ", ".join(_of_hits(told))
+    remarks = [f"{unused}: left aside, as the file holds FRFs and no time records."] if unused else []
+    _say(measurement, f"{n_frf} ({measurement.kind}) from {records[0]}", out, console, remarks)
     return measurement
+
+
+def _of_hits(told: Conversion) -> list[str]:
+    """The options that were given and that FRFs have no use for."""
+    usual = Cutting()
+    given = {
+        "--rate": told.layout.rate is not None,
+        "--force": told.layout.force is not None,
+        "--estimator": told.estimator != "H1",
+        "--trigger": told.cutting.trigger != usual.trigger,
+        "--pre-trigger": told.cutting.pre_trigger != usual.pre_trigger,
+        "--duration": told.cutting.duration is not None,
+        "--keep-all": told.cutting.double_hit is None,
+        "--force-window": told.windows.force is not None,
+        "--exponential-window": told.windows.exponential is not None,
+    }
+    return [option for option, is_given in given.items() if is_given]
 
 
 def _check_told(records: Sequence[Path], told: Conversion) -> None:
