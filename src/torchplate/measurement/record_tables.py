@@ -12,7 +12,7 @@ from torchplate.measurement.archive import arrays_of, plain
 from torchplate.measurement.level import is_unit, second_of
 from torchplate.measurement.mat_elements import check_elements
 from torchplate.measurement.measurement import MeasurementError
-from torchplate.measurement.text_table import cells_of, lines_of, unit_in
+from torchplate.measurement.text_table import cells_of, lines_of, number_of, unit_in
 
 FORCE_NAME: Final = re.compile(
     r"force|hammer|exc|impact|kraft|^f\d*$|\[\s*(k|m)?n\s*\]|\(\s*(k|m)?n\s*\)", re.IGNORECASE
@@ -149,7 +149,7 @@ def _word(key: str) -> str:
 
 def _from_text(path: Path) -> RecordTable:
     """Columns: time first unless a rate is given, then the channels; a head line names them, and may give units."""
-    heads, rows = rows_of(path, float)
+    heads, rows = rows_of(path, number_of)
     widths = {len(row) for row in rows}
     if len(widths) != 1:
         raise MeasurementError(
