@@ -11,6 +11,7 @@ from rich.console import Console
 
 from torchplate.cli.config import InputError
 from torchplate.cli.folder.writing import asked_for
+from torchplate.cli.progress.console import speaking
 from torchplate.measurement import (
     UFF_SUFFIX,
     Cutting,
@@ -67,7 +68,7 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
         InputError: Something that was told cannot be, or `out` holds something else.
         MeasurementError: A file cannot be used.
     """
-    console = console or Console()
+    console = console or speaking()
     if out.suffix.lower() not in (*UFF_SUFFIX, ".npz"):
         raise InputError(f"--out {out}: Expected a name that ends in .uff or .npz, got '{out.suffix}'. Rename it.")
     if len(records) > 1 and told.references and len(told.references) not in (1, len(records)):
