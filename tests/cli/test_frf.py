@@ -121,6 +121,9 @@ def test_places_come_from_a_table(records, tmp_path, command):
         (("--response", 7, 2, "--reference", 1, 2, 3, "--out", "plate.uff"), "each of 2 files"),
         (("--response", 7, 2, "--trigger", 2, "--out", "plate.uff"), "trigger"),
         (("--response", 7, 2, "--force-window", -1, "--out", "plate.uff"), "force window above 0 s"),
+        (("--response", 3, 3, "--out", "plate.uff"), "--response: Expected a node of its own for each response, got 3"),
+        (("--response", 7, 2, "--force-window", 0.001, "--out", "plate.uff"), "--force-window 0.012"),
+        (("--response", 7, 2, "--exponential-window", 1e-4, "--out", "plate.uff"), "more than one sample, 0.000488 s"),
         (("--response", 7, 2, "--force", 9, "--out", "plate.uff"), "1 to 3"),
         (("--response", 7, 2, "--duration", 60, "--out", "plate.uff"), "ends before the hit has"),
         (("--response", 7, 2, "--nodes", "absent.csv", "--out", "plate.uff"), "absent.csv"),
@@ -208,6 +211,15 @@ def test_a_window_that_was_laid_over_the_hits_stands_in_the_config(suffix, tmp_p
     recipe = load_run(Path("plate.yaml"))
     (said,) = [one for one in recipe.remarks(recipe.model()) if "windowed by" in one]
     assert "Add window: {effect: exponential_window, rate: 25}" in said
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.02])
+def test_a_channel_that_does_not_stand_at_zero_does_not_ring_for_that(offset, tmp_path, command):
+    """As of a sound card; a slow mode that rings on still does."""
+    for n, rings in ((4096, False), (512, True)):
+        paths = [wav(tmp_path / f"hit_{node}.wav", made.hit(node, n=n) + offset * FULL) for node in (12, 7)]
+        words = ("--response", 7, 2, "--scale", FULL, FULL, "--out", tmp_path / "plate.uff", "--overwrite")
+        assert ("still ring" in command("frf", *paths, *words)[1]) == rings
 
 
 def test_a_file_that_is_named_twice_is_refused(records, tmp_path, command, monkeypatch):

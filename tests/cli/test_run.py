@@ -446,6 +446,9 @@ def test_a_run_on_any_device_finds_the_truth_and_goes_on(bench, make_config, tru
 def test_a_run_on_an_impossible_device_is_refused(bench):
     with pytest.raises(InputError, match="--device"):
         run(bench.folder / "truth.yaml", bench.folder / "out", device="abacus")
+    # torch answers with all that it knows, twenty names.
+    with pytest.raises(InputError, match=r"--device gpu: .* Write cpu, or cuda for a GPU\.$"):
+        run(bench.folder / "truth.yaml", bench.folder / "out", device="gpu")
 
 
 def test_a_config_of_numbers_without_a_measurement_gives_natural_frequencies(bench):

@@ -6,9 +6,11 @@ import pytest
 import torch
 
 import torchplate as tp
-from torchplate.discrepancy import Evidence
+from torchplate.discrepancy import Evidence, Objective, sensitivity
 from torchplate.effects import ChannelPolarity
 from torchplate.identification import PlateState, States, fit_in_words
+from torchplate.identification.caveats import caveats
+from torchplate.identification.identify import with_channels
 
 
 @pytest.mark.parametrize("gap", [1.0, 1.12, 4.0, math.nan, math.inf])
@@ -200,3 +202,15 @@ def test_a_channel_that_is_turned_in_one_state_is_told_with_the_state(bench):
     (said,) = found.caveats
     assert said.startswith("State 'after': Response 7w looks turned: ")
     assert found.misread == [said]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("loss.stiffness_loss_factor", "0.03: the optimum"), ("wires.stiffness", "4000 N/m: the optimum")],
+)
+def test_a_value_on_its_bound_is_told_with_its_unit_where_it_has_one(bench, name, told):
+    frfs = bench.exact_frfs()
+    model = with_channels(bench.plate([name]), frfs)
+    objective, theta = Objective(model, Evidence(frfs)), model.space.high
+    said = caveats(objective, theta, sensitivity(objective, theta))
+    assert any(f"{name} ended on the upper bound of its interval, {told}" in one for one in said)

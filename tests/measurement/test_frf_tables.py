@@ -266,6 +266,20 @@ def test_what_cannot_be_used_is_said_with_the_way_on(case, tmp_path):
     assert all(word in str(said.value) for word in ["frf.csv", *words]), said.value
 
 
+def test_a_line_at_zero_that_is_no_number_is_left_out_and_said_and_any_other_is_refused(tmp_path):
+    """MATLAB divides by nothing there."""
+    columns = {"f": np.r_[0.0, LINES], "re": np.r_[np.nan, ONE[:, 0].real], "im": np.r_[np.inf, ONE[:, 0].imag]}
+    (tmp_path / "frf.csv").write_text(table(columns))
+    found = read_frf_table(tmp_path / "frf.csv")
+    assert found is not None
+    assert found.notes == ("The line at 0 Hz holds no finite number, and was left out.",)
+    np.testing.assert_array_equal(found.frequency, LINES)
+    np.testing.assert_allclose(found.frf[:, 0], ONE[:, 0], rtol=1e-12)
+    (tmp_path / "frf.csv").write_text(table(columns | {"f": np.r_[0.0, LINES] + 3.5}))
+    with pytest.raises(MeasurementError, match=r"frf\.csv: expected finite FRFs, got NaN or infinity at 3\.5 Hz"):
+        read_frf_table(tmp_path / "frf.csv")
+
+
 @pytest.mark.parametrize(
     ("responses", "references", "words"),
     [

@@ -96,6 +96,23 @@ def test_every_format_gives_the_same_records(write: Callable[[Path], Path], tmp_
     assert (found.reference, found.responses) == (12, (7, 2))
 
 
+def test_samples_of_eight_bits_have_their_zero_in_the_middle(tmp_path):
+    """The only ones of WAV without a sign: silence is 128."""
+    samples = np.round(CHANNELS / FULL.max() * 127 + 128).astype(np.uint8)
+    wavfile.write(tmp_path / "12.wav", int(made.RATE), samples.T)
+    (found,) = read_recordings(tmp_path / "12.wav", Layout(scale=(FULL.max(), FULL.max())))
+    # Half a step, and full scale is 128 steps, of which 127 are used.
+    np.testing.assert_allclose(found.force, CHANNELS[0], atol=1.6 / 128 * FULL.max())
+    np.testing.assert_allclose(found.response, CHANNELS[1:], atol=1.6 / 128 * FULL.max())
+
+
+def test_a_file_without_a_sample_is_refused_without_a_warning(tmp_path, recwarn):
+    wavfile.write(tmp_path / "12.wav", 2048, CHANNELS.T[:0].astype(np.float32))
+    with pytest.raises(MeasurementError, match=r"12\.wav: expected samples, got none"):
+        read_recordings(tmp_path / "12.wav")
+    assert not recwarn.list
+
+
 @pytest.mark.parametrize("x_columns", ["One", "Multi"])
 def test_times_that_labview_has_written_are_no_channel(x_columns, tmp_path):
     """The largest of all columns, and the only one that rises: they were taken for the force."""

@@ -177,7 +177,8 @@ def _assembled(path: Path, frequency: np.ndarray, notes: list[str], columns: Seq
                     "its phase. Export real and imaginary parts."
                 )
             others.remove(other)
-            found.append(one.value + 1j * other.value if first == "real" else _polar(path, one, other, notes))
+            with np.errstate(invalid="ignore"):  # what is no number is told below
+                found.append(one.value + 1j * other.value if first == "real" else _polar(path, one, other, notes))
             units.append(one.unit if first == "real" or not _is_decibel(one) else "")
     if not found:
         names = ", ".join(one.name for one in columns) or "nothing else"
@@ -187,9 +188,18 @@ def _assembled(path: Path, frequency: np.ndarray, notes: list[str], columns: Seq
         )
     whole = found[0] if len(found) == 1 else np.concatenate([one.reshape(len(one), -1) for one in found], axis=1)
     whole = whole[:, None] if whole.ndim == 1 else whole
+    broken = ~np.isfinite(whole).reshape(len(whole), -1).all(axis=1)
+    if broken.any() and (frequency[broken] != 0).any():
+        where = float(frequency[broken & (frequency != 0)][0])
+        raise MeasurementError(
+            f"{path}: expected finite FRFs, got NaN or infinity at {where:g} Hz. Remove that line, or export it again."
+        )
     coherence = [one.value for one in parts["coherence"]]
     told = np.concatenate([one.reshape(len(one), -1) for one in coherence], axis=1) if coherence else None
     told = told.real.reshape(whole.shape) if told is not None and told.size == whole.size else None
+    if broken.any():
+        notes.append("The line at 0 Hz holds no finite number, and was left out.")
+        frequency, whole, told = frequency[~broken], whole[~broken], None if told is None else told[~broken]
     return FrfTable(frequency, whole, next(filter(None, units), ""), told, tuple(dict.fromkeys(notes)))
 
 

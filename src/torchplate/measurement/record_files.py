@@ -103,6 +103,8 @@ def _from_table(table: RecordTable, path: Path, layout: Layout) -> list[Recordin
                 else "."
             )
         )
+    if not table.channels.shape[-1]:
+        raise MeasurementError(f"{path}: expected samples, got none. Export it again.")
     force, remark = _force_channel(table, path, layout)
     others = [i for i in range(n_channel) if i != force]
     if layout.responses and len(layout.responses) != len(others):

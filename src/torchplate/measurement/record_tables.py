@@ -44,7 +44,11 @@ def _from_wav(path: Path) -> RecordTable:
             f"{path}: expected a WAV file, got one that does not parse ({error}). Export it again."
         ) from error
     columns = data[:, None] if data.ndim == 1 else data
-    full = float(np.iinfo(columns.dtype).max) + 1 if np.issubdtype(columns.dtype, np.integer) else 1.0
+    if columns.dtype == np.uint8:  # the only samples of WAV without a sign: 128 is silence
+        columns = columns.astype(np.int16) - 128
+        full = 128.0
+    else:
+        full = float(np.iinfo(columns.dtype).max) + 1 if np.issubdtype(columns.dtype, np.integer) else 1.0
     names = tuple(f"channel {i}" for i in range(1, columns.shape[1] + 1))
     return RecordTable(float(rate), names, (columns.T / full)[None])
 

@@ -167,6 +167,12 @@ def _check_told(records: Sequence[Path], told: Conversion) -> None:
             f"{twice[0]}: Expected each file once, got it twice: its hits would be averaged with themselves. Leave one "
             "out, or name the file that was meant."
         )
+    twice_there = [node for node, number in Counter(told.layout.responses).items() if number > 1]
+    if twice_there:
+        raise InputError(
+            f"--response: Expected a node of its own for each response, got {twice_there[0]} twice: of two sensors at "
+            "one node only one would be left. Correct it, or leave one channel out of the file."
+        )
     for option, nodes in (("--response", told.layout.responses), ("--reference", told.references)):
         if nodes and min(nodes) < 1:
             raise InputError(f"{option}: Expected node labels, which count from 1, got {min(nodes)}. Correct it.")

@@ -136,7 +136,9 @@ def _holds_frfs(path: Path) -> bool:
 def _frf_table(table: FrfTable, path: Path) -> Table:
     found = plain_table("", "", title=f"{path}: FRFs")
     lines = table.frequency
-    found.add_row("holds", f"{counted(table.n_frf, 'FRF')} of {len(lines)} lines, {lines[0]:g} to {lines[-1]:g} Hz")
+    found.add_row(
+        "holds", f"{counted(table.n_frf, 'FRF')} of {counted(len(lines), 'line')}, {lines[0]:g} to {lines[-1]:g} Hz"
+    )
     found.add_row("unit", escape(table.unit or "none is stated"))
     for note in table.notes:
         found.add_row("note", escape(note))
