@@ -447,7 +447,7 @@ def test_a_run_on_an_impossible_device_is_refused(bench):
     with pytest.raises(InputError, match="--device"):
         run(bench.folder / "truth.yaml", bench.folder / "out", device="abacus")
     # torch answers with all that it knows, twenty names.
-    with pytest.raises(InputError, match=r"--device gpu: .* Write cpu, or cuda for a GPU\.$"):
+    with pytest.raises(InputError, match=r"--device gpu: .* Use cpu, or cuda for a GPU\.$"):
         run(bench.folder / "truth.yaml", bench.folder / "out", device="gpu")
 
 

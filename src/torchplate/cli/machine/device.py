@@ -19,7 +19,7 @@ def device_named(name: str) -> torch.device:
         reason = str(error).splitlines()[0]
         if "at start of device string" in reason:
             raise InputError(
-                f"--device {name}: Expected a device that torch knows, got none of its. Write cpu, or cuda for a GPU."
+                f"--device {name}: Expected a device that torch knows, got none of its. Use cpu, or cuda for a GPU."
             ) from None
         raise InputError(
             f"--device {name}: Expected a device that torch can use, got none ({reason}). Use cpu."
