@@ -510,6 +510,11 @@ MISTAKES = {
         ["natural_frequencies.4.5: Expected a whole number before the colon, got 4.5."],
         text=lambda text: text.replace('"band": [8.0, 400.0]', '"natural_frequencies": {4.5: 41.0}'),
     ),
+    "file without a name": Mistake(
+        REFUSED,
+        ["measurement.file: Expected a file, got the folder '.'. Name a .uff or .npz"],
+        {"measurement.file": ""},
+    ),
     "text that is none": Mistake(REFUSED, ["objective.kind: Expected a text, got nothing"], {"objective.kind": None}),
     "FRFs without imaginary parts": Mistake(
         SAID, ["All FRFs are real numbers", "export complex values"], prepare=real_parts
@@ -562,7 +567,7 @@ def test_a_name_in_other_bytes_than_utf_8_is_said(bench, make_config, command, m
 
 
 def test_there_are_eight_dozen_of_them():
-    assert len(MISTAKES) >= 113
+    assert len(MISTAKES) >= 114
 
 
 @pytest.mark.parametrize(
