@@ -121,6 +121,9 @@ def test_places_come_from_a_table(records, tmp_path, command):
         (("--response", 7, 2, "--reference", 1, 2, 3, "--out", "plate.uff"), "each of 2 files"),
         (("--response", 7, 2, "--trigger", 2, "--out", "plate.uff"), "trigger"),
         (("--response", 7, 2, "--force-window", -1, "--out", "plate.uff"), "force window above 0 s"),
+        (("--response", 3, 3, "--out", "plate.uff"), "--response: Expected a node of its own for each response, got 3"),
+        (("--response", 7, 2, "--force-window", 0.001, "--out", "plate.uff"), "--force-window 0.012"),
+        (("--response", 7, 2, "--exponential-window", 1e-4, "--out", "plate.uff"), "more than one sample, 0.000488 s"),
         (("--response", 7, 2, "--force", 9, "--out", "plate.uff"), "1 to 3"),
         (("--response", 7, 2, "--duration", 60, "--out", "plate.uff"), "ends before the hit has"),
         (("--response", 7, 2, "--nodes", "absent.csv", "--out", "plate.uff"), "absent.csv"),
@@ -210,6 +213,15 @@ def test_a_window_that_was_laid_over_the_hits_stands_in_the_config(suffix, tmp_p
     assert "Add window: {effect: exponential_window, rate: 25}" in said
 
 
+@pytest.mark.parametrize("offset", [0.0, 0.02])
+def test_a_channel_that_does_not_stand_at_zero_does_not_ring_for_that(offset, tmp_path, command):
+    """As of a sound card; a slow mode that rings on still does."""
+    for n, rings in ((4096, False), (512, True)):
+        paths = [wav(tmp_path / f"hit_{node}.wav", made.hit(node, n=n) + offset * FULL) for node in (12, 7)]
+        words = ("--response", 7, 2, "--scale", FULL, FULL, "--out", tmp_path / "plate.uff", "--overwrite")
+        assert ("still ring" in command("frf", *paths, *words)[1]) == rings
+
+
 def test_a_file_that_is_named_twice_is_refused(records, tmp_path, command, monkeypatch):
     """It would be averaged with itself, and have a coherence of 1."""
     monkeypatch.chdir(tmp_path)
@@ -253,3 +265,44 @@ def test_a_table_of_nodes_in_mm_gives_places_in_m(records, tmp_path, command):
     assert f"places are taken in mm, as the head of {tmp_path / 'nodes.csv'} says." in text
     places = {c.node: c.coordinate for c in read_measurement(tmp_path / "plate.uff").reference}
     assert places[12] == pytest.approx((0.26, 0.09, 0.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("rate", ["0", "-48000", "nan"])
+def test_a_rate_that_is_none_is_refused(rate, records, tmp_path, command, capsys):
+    try:
+        status, _, error = command("frf", *records, "--response", 7, 2, "--rate", rate, "--out", tmp_path / "plate.uff")
+    except SystemExit as ended:  # of the parser, which takes no nan
+        status, error = ended.code, capsys.readouterr().err
+    assert status == 2
+    assert "rate" in error
+    assert f"got {rate}" in error.replace("'", "")
+    assert not (tmp_path / "plate.uff").exists()
+
+
+def test_another_rate_than_the_files_is_taken_and_said(records, tmp_path, command):
+    out = tmp_path / "plate.uff"
+    said = command("frf", *records, "--response", 7, 2, "--scale", FULL, FULL, "--rate", 4096, "--out", out)[1]
+    assert "own rate is 2048 Hz, and 4096 Hz was taken" in said
+    # All frequencies are twice as high then.
+    level = read_measurement(out).frf[:, 0, 0].abs()
+    frequency = read_measurement(out).frequency
+    below = frequency < 200
+    assert float(frequency[below][level[below].argmax()]) == pytest.approx(2 * made.MODES[0][0], rel=0.02)
+
+
+def test_options_of_hits_are_said_to_be_left_aside_where_the_file_holds_frfs(tmp_path, command):
+    (tmp_path / "frf.csv").write_text("f,re,im\n" + "".join(f"{f},{1 / f},{-f / 9}\n" for f in range(1, 40)))
+    words = [
+        "frf",
+        tmp_path / "frf.csv",
+        "--response",
+        3,
+        "--reference",
+        28,
+        "--out",
+        tmp_path / "a.uff",
+        "--overwrite",
+    ]
+    said = command(*words, "--rate", 800, "--exponential-window", 0.5, "--keep-all")[1]
+    assert "--rate, --keep-all, --exponential-window: left aside, as the file holds FRFs" in said
+    assert "left aside" not in command(*words, "--scale", 2, 3, "--motion", "velocity")[1]

@@ -57,6 +57,11 @@ def stated(kind: str) -> Callable[[Any], object]:
     return prepare
 
 
+def real_parts(bench: Any) -> None:
+    frfs = Measurement.from_npz(bench.folder / "plate.npz")
+    replace(frfs, frf=frfs.frf.real.to(frfs.frf)).to_npz(bench.folder / "plate.npz")
+
+
 def uff(change: Callable[[bytes], bytes], places: float = 0.0) -> Callable[[Any], object]:
     """The measurement as a universal file, spoilt; with coordinates this many times those in metres."""
 
@@ -495,6 +500,25 @@ MISTAKES = {
         ["effects.window.rate", "time constant, write 14.3"],
         {"effects.window": {"effect": "exponential_window", "rate": 0.07}},
     ),
+    "label that is a number": Mistake(
+        REFUSED,
+        ["effects.7: Expected a text before the colon, got 7. Write '7', in quotes."],
+        text=lambda text: text.replace('"wires":', "7:"),
+    ),
+    "mode that is no whole number": Mistake(
+        REFUSED,
+        ["natural_frequencies.4.5: Expected a whole number before the colon, got 4.5."],
+        text=lambda text: text.replace('"band": [8.0, 400.0]', '"natural_frequencies": {4.5: 41.0}'),
+    ),
+    "file without a name": Mistake(
+        REFUSED,
+        ["measurement.file: Expected a file, got the folder '.'. Name a .uff or .npz"],
+        {"measurement.file": ""},
+    ),
+    "text that is none": Mistake(REFUSED, ["objective.kind: Expected a text, got nothing"], {"objective.kind": None}),
+    "FRFs without imaginary parts": Mistake(
+        SAID, ["All FRFs are real numbers", "export complex values"], prepare=real_parts
+    ),
     "rate of a window in per cent": Mistake(
         SAID,
         ["effects.window.rate", "95 1/s makes every peak 30.2 Hz wide", "If the window falls to 95 %"],
@@ -543,7 +567,7 @@ def test_a_name_in_other_bytes_than_utf_8_is_said(bench, make_config, command, m
 
 
 def test_there_are_eight_dozen_of_them():
-    assert len(MISTAKES) >= 109
+    assert len(MISTAKES) >= 114
 
 
 @pytest.mark.parametrize(
@@ -559,6 +583,9 @@ def test_there_are_eight_dozen_of_them():
         (["run", "plate.yaml", "other.yaml"], "torchplate run takes one config: run them one after the other."),
         (["frf", "hits.uff", "--out", "plate.uff", "--duration", "inf"], "expected a finite number"),
         (["plan", "plate.yaml", "--masses", "nan"], "expected a finite number"),
+        (["run", "plate.yaml", "--out", ""], "argument --out: expected a file or a folder, got no text. Name one"),
+        (["inspect", " "], "argument file: expected a file or a folder, got no text"),
+        (["frf", "", "--out", "a.uff"], "got no text"),
     ],
 )
 def test_a_mistake_on_the_command_line_gets_its_remedy(arguments, words, capsys):

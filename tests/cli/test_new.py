@@ -282,6 +282,7 @@ def test_an_edge_that_nobody_said_how_it_is_held_is_a_guess(roved, tmp_path, com
         (("--length", "-0.4", "0.3"), "above 0 in m"),
         (("--material", "unobtainium"), "steel, stainless_steel"),
         (("--supports", "corner"), "--supports 0.05,0"),
+        (("--supports", "free", "springs"), "Expected free alone, got free springs"),
         (("--supports", "0.5,0"), "on the plate"),
         (("--edge", "left=clamped"), "x0, x1, y0, y1"),
         (("--edge", "x0=glued"), "clamped"),

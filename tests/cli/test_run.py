@@ -3,10 +3,12 @@
 import csv
 import json
 import math
+from io import StringIO
 from pathlib import Path
 
 import pytest
 import torch
+from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from torchplate.cli.config import InputError
@@ -444,6 +446,9 @@ def test_a_run_on_any_device_finds_the_truth_and_goes_on(bench, make_config, tru
 def test_a_run_on_an_impossible_device_is_refused(bench):
     with pytest.raises(InputError, match="--device"):
         run(bench.folder / "truth.yaml", bench.folder / "out", device="abacus")
+    # torch answers with all that it knows, twenty names.
+    with pytest.raises(InputError, match=r"--device gpu: .* Use cpu, or cuda for a GPU\.$"):
+        run(bench.folder / "truth.yaml", bench.folder / "out", device="gpu")
 
 
 def test_a_config_of_numbers_without_a_measurement_gives_natural_frequencies(bench):
@@ -455,3 +460,18 @@ def test_a_config_of_numbers_without_a_measurement_gives_natural_frequencies(ben
     assert result["natural_frequencies_hz"] == pytest.approx(expected, rel=1e-5)
     assert set(result) >= set(RESULT)
     assert (result["objective"], result["parameters"]) == (None, {})
+
+
+def test_a_sign_that_is_turned_is_printed_before_the_fit_that_it_explains(bench, make_config):
+    bench.measure(gain=-1.0)
+    path = bench.write(make_config())
+    said = StringIO()
+    found = run(path, bench.folder / "turned", console=Console(file=said, width=300))
+    text = said.getvalue()
+    assert text.count("With the sign of all FRFs turned") == 1
+    assert (
+        0
+        <= text.index("With the sign of all FRFs turned")
+        < text.index("As the FRFs stand, the model explains nothing")
+    )
+    assert found.caveats[0].startswith("With the sign")

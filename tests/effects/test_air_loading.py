@@ -88,6 +88,28 @@ def test_a_base_that_moves_moves_the_air_too():
     torch.testing.assert_close(load, model.system(NONE).mass @ mesh.rigid_translation, rtol=1e-9, atol=1e-12)
 
 
+def test_without_air_sparse_matrices_are_those_of_the_plate_alone():
+    """A density of zero, as in a vacuum."""
+    mesh = Mesh(0.5, 0.3, 6, 4)
+    empty, airy = (SparseModel(build(mesh, SPRUCE, density), NONE) for density in (0.0, 1.2))
+    model = PlateModel(
+        mesh,
+        {"plate": Plate(), "wires": SupportSpring(at=((0.21, 0.0), (0.66, 0.94))), "loss": HystereticDamping()},
+        plate(SPRUCE) | {"wires.stiffness": 900.0, "loss.stiffness_loss_factor": 0.01},
+        {},
+        [3, (0.6, 0.7)],
+        [8],
+        "accelerance",
+    )
+    bare = SparseModel(model, NONE)
+    # Rounding of solves without pivots.
+    assert distance(empty.frf(LINES), bare.frf(LINES)) < 1e-7
+    assert distance(airy.frf(LINES), bare.frf(LINES)) > 1e-3
+    torch.testing.assert_close(
+        empty.modes(12, dense=False).frequency[:12], model.natural_frequencies(NONE, 12), rtol=1e-6, atol=1e-4
+    )
+
+
 @pytest.mark.check
 @pytest.mark.parametrize("edges", [{}, {"y1": "clamped"}], ids=["free", "clamped"])
 def test_sparse_matrices_answer_as_dense_ones_do(edges):

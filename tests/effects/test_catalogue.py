@@ -232,6 +232,16 @@ def test_a_poisson_ratio_below_zero_has_a_prior_too_and_one_of_zero_is_not_looke
     assert not effect.may_be_missing(below._replace(poisson_ratio=torch.zeros_like(below.poisson_ratio)))
 
 
+@pytest.mark.parametrize("name", sorted(CATALOGUE))
+def test_where_an_effect_is_looked_for_is_told_of_every_number_that_is(name):
+    for parameter in CATALOGUE[name].parameters.values():
+        told = parameter.looked_for
+        assert bool(told) == (parameter.prior is not None)
+        assert told.endswith("once the effect was found") == (parameter.prior is not None and parameter.detail)
+        if parameter.prior is not None:
+            assert told.startswith(f"{parameter.prior.low:.3g} to {parameter.prior.high:.3g}")
+
+
 def test_a_prior_is_cut_to_what_is_allowed():
     plan = _model(Plate, {}, {}).plan(THETA)
     poisson = Parameter("-", "ν", Interval(-0.99, 0.4), prior=Prior(0.5, 1.5, relative_to="poisson_ratio"))

@@ -39,6 +39,16 @@ def test_a_field_of_one_value_is_the_plates_own_number_everywhere(kind, value, k
     assert close(read(missing=Field(kind, 3, 4, (value,) * 12)), read(known))
 
 
+def test_losses_of_two_fields_add_up_place_by_place():
+    """A loss that grows along x and one that falls along y: as one field whose values are their sums."""
+    along, across = [0.004, 0.03, 0.008, 0.05], [0.02, 0.02, 0.001, 0.006]
+    both = tuple(one + other for one, other in zip(along, across, strict=True))
+    two = read(one=Field("loss", 2, 2, tuple(along)), other=Field("loss", 2, 2, tuple(across)))
+    assert close(two, read(missing=Field("loss", 2, 2, both)))
+    # The part that is small beside the other is seen: so much the two differ.
+    assert not close(two, read(missing=Field("loss", 2, 2, tuple(along))))
+
+
 def test_a_field_of_support_is_a_spring_at_each_node_of_its_grid():
     values = torch.linspace(100.0, 2400.0, 6).tolist()
     field = Field("support", 3, 2, tuple(values))

@@ -178,6 +178,16 @@ def test_a_transmissibility_has_responses_to_name():
     assert torch.allclose(found, torch.stack([-plain[:, 1], plain[:, 0]], dim=1), rtol=1e-12)
 
 
+def test_where_a_label_is_read_is_told_beside_a_gain_and_a_delay_that_read_nothing_elsewhere(mesh):
+    swap = ChannelSwap([(3, None), (8, None)])
+    for more in ({}, {"loud": SensorGain(), "late": TimeDelay()}):
+        effects = {"plate": Plate(), "loss": HystereticDamping(), **more, "swap": swap}
+        known = KNOWN | {"loud.gain": 1.7, "late.delay": 2e-4} if more else KNOWN
+        response, reference = PlateModel(mesh, effects, known, {}, RESPONSE, REFERENCE, "mobility").read_from()
+        assert response.tolist() == [1, 0, 2]
+        assert reference.tolist() == [0, 1]
+
+
 def test_half_an_exchange_is_refused(mesh):
     model = _model(mesh, {"swap": ChannelSwap((3, 8))})
     with pytest.raises(ValueError, match="both among the FRFs asked for"):

@@ -6,9 +6,11 @@ import pytest
 import torch
 
 import torchplate as tp
-from torchplate.discrepancy import Evidence
+from torchplate.discrepancy import Evidence, Objective, sensitivity
 from torchplate.effects import ChannelPolarity
 from torchplate.identification import PlateState, States, fit_in_words
+from torchplate.identification.caveats import caveats
+from torchplate.identification.identify import with_channels
 
 
 @pytest.mark.parametrize("gap", [1.0, 1.12, 4.0, math.nan, math.inf])
@@ -114,6 +116,28 @@ def test_a_model_without_an_interval_is_told_the_sign_too(bench):
     assert not tp.identify(bench.plate(()), frfs).caveats
 
 
+def test_a_fit_that_a_wrong_sign_explains_is_told_after_it_and_as_the_frfs_stand(bench):
+    frfs = bench.exact_frfs()
+    turned = type(frfs)(**{**vars(frfs), "frf": -frfs.frf})
+    found = tp.identify(bench.plate(()), turned)
+    assert found.misread == found.caveats[:1]
+    assert " instead of 200 %: a sensor is mounted upside down" in found.misread[0]
+    # What to look at first is the sign, not sides and units.
+    assert found.fit.startswith("As the FRFs stand, the model explains nothing: its gap is 200 %")
+    assert "first mend what is said of the FRFs" in found.fit
+    assert "sides" not in found.fit
+    right = tp.identify(bench.plate(()), frfs)
+    assert not right.misread
+    assert "mend" not in right.fit
+
+
+@pytest.mark.parametrize("gap", [0.2, 0.7, 1.0])
+def test_no_diagnosis_is_advised_of_frfs_that_look_misread(gap):
+    assert "diagnose" in fit_in_words(gap, of_frfs=True)
+    assert "diagnose" not in fit_in_words(gap, of_frfs=True, misread=True)
+    assert "Do not use the values" in fit_in_words(gap, of_frfs=True, misread=True)
+
+
 def changed(frfs, channel: int, factor: float, side: str = "response"):
     frf = frfs.frf.clone()
     frf.select(1 if side == "response" else 2, channel).mul_(factor)
@@ -174,5 +198,19 @@ def test_a_channel_that_is_turned_in_one_state_is_told_with_the_state(bench):
         ]
     )
     search = tp.DifferentialEvolution(strategy="best/1/bin", n_member=10)
-    (said,) = tp.identify(states, search=search, n_generation=20).caveats
+    found = tp.identify(states, search=search, n_generation=20)
+    (said,) = found.caveats
     assert said.startswith("State 'after': Response 7w looks turned: ")
+    assert found.misread == [said]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("loss.stiffness_loss_factor", "0.03: the optimum"), ("wires.stiffness", "4000 N/m: the optimum")],
+)
+def test_a_value_on_its_bound_is_told_with_its_unit_where_it_has_one(bench, name, told):
+    frfs = bench.exact_frfs()
+    model = with_channels(bench.plate([name]), frfs)
+    objective, theta = Objective(model, Evidence(frfs)), model.space.high
+    said = caveats(objective, theta, sensitivity(objective, theta))
+    assert any(f"{name} ended on the upper bound of its interval, {told}" in one for one in said)

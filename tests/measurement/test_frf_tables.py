@@ -38,6 +38,13 @@ def table(columns: dict[str, np.ndarray], mark: str = ",", point: str = ".", bel
     return above + "\n".join([mark.join(columns), *([below] if below else []), *lines]) + "\n"
 
 
+def as_fortran(text: str) -> str:
+    """A table as Fortran writes numbers: 0.30000000000000000D+01."""
+    head, *rows = text.splitlines()
+    cells = ([f"{float(cell):.17E}".replace("E", "D") for cell in row.split(",")] for row in rows)
+    return "\n".join([head, *map(",".join, cells)]) + "\n"
+
+
 def halves(first: str, second: str) -> dict[str, np.ndarray]:
     found = {"Frequency [Hz]": LINES}
     for k in range(3):
@@ -62,6 +69,7 @@ THREE: dict[str, tuple[str, Callable[[Path], object]]] = {
     "NumPy": ("frf.npz", lambda p: np.savez(p, f=LINES, H=ONE)),
     "NumPy without nodes": ("frf.npz", lambda p: np.savez(p, frequency=LINES, frf=ONE[:, None])),
     "spreadsheet": ("frf.csv", lambda p: p.write_text(table(halves("Re H [m/s²/N]", "Im H [m/s²/N]")))),
+    "Fortran": ("frf.csv", lambda p: p.write_text(as_fortran(table(halves("re", "im"))))),
     "spreadsheet of Germany": (
         "frf.csv",
         lambda p: p.write_bytes(table(halves("Realteil", "Imaginärteil"), ";", ",").encode("cp1252")),
@@ -87,6 +95,27 @@ SINGLE: dict[str, tuple[str, Callable[[Path], object]]] = {
     "from high to low": (
         "frf.csv",
         lambda p: p.write_text(table({name: value[::-1] for name, value in POLAR.items()})),
+    ),
+    "parts of π": (
+        "frf.csv",
+        lambda p: p.write_text(table({**POLAR, "Phase": POLAR["Phase"] / 180}).replace("Phase", "Phase [pi]")),
+    ),
+    "decibel and degrees in a line of units": (
+        "frf.csv",
+        lambda p: p.write_text(table({**POLAR, "Magnitude": DECIBEL["Betrag [dB]"]}, below="Hz,dB,deg")),
+    ),
+    "parts of π in a line of units": (
+        "frf.csv",
+        lambda p: p.write_text(table({**POLAR, "Phase": POLAR["Phase"] / 180}, below="Hz,m/s2/N,π rad")),
+    ),
+    "complex cells of Fortran's": (
+        "frf.csv",
+        lambda p: p.write_text(
+            "f,H\n"
+            + "".join(f"{f},{h.real:.17E}{h.imag:+.17E}i\n" for f, h in zip(LINES, ONE[:, 0], strict=True)).replace(
+                "E", "D"
+            )
+        ),
     ),
     "complex cells": (
         "frf.csv",
@@ -126,6 +155,26 @@ def test_frfs_are_read_as_they_were_written(case, tmp_path):
 def test_an_array_of_responses_and_references_goes_by_its_shape(turned, tmp_path):
     np.savez(tmp_path / "frf.npz", freq=LINES, G=FRF.transpose(0, 2, 1) if turned else FRF)
     np.testing.assert_array_equal(named(tmp_path / "frf.npz", RESPONSE, REFERENCE).frf.numpy(), FRF)
+
+
+def test_phases_in_parts_of_pi_that_no_head_names_are_said_and_those_that_one_names_are_read(tmp_path):
+    parts = POLAR | {"Phase": POLAR["Phase"] / 180}
+    (tmp_path / "frf.csv").write_text(table(parts))
+    found = read_frf_table(tmp_path / "frf.csv")
+    assert found is not None
+    (note,) = found.notes
+    assert "they look like parts of π, and were taken in rad" in note
+    assert "'Phase [pi]'" in note
+    np.testing.assert_allclose(np.angle(found.frf[:, 0]), parts["Phase"], atol=1e-12)
+    for head, words in (("Phase [rad]", None), ("Phase [pi]", "parts of π, by its head"), ("Phase/π", "by its head")):
+        (tmp_path / "frf.csv").write_text(table(parts).replace("Phase", head))
+        found = read_frf_table(tmp_path / "frf.csv")
+        assert found is not None
+        assert (words in found.notes[0]) if words else not found.notes
+    (tmp_path / "frf.csv").write_text(table(POLAR | {"Phase": np.radians(POLAR["Phase"])}))
+    found = read_frf_table(tmp_path / "frf.csv")
+    assert found is not None
+    assert not found.notes
 
 
 def test_lines_that_are_turned_round_are_said(tmp_path):
@@ -215,6 +264,20 @@ def test_what_cannot_be_used_is_said_with_the_way_on(case, tmp_path):
     with pytest.raises(MeasurementError) as said:
         read_frf_table(tmp_path / "frf.csv")
     assert all(word in str(said.value) for word in ["frf.csv", *words]), said.value
+
+
+def test_a_line_at_zero_that_is_no_number_is_left_out_and_said_and_any_other_is_refused(tmp_path):
+    """MATLAB divides by nothing there."""
+    columns = {"f": np.r_[0.0, LINES], "re": np.r_[np.nan, ONE[:, 0].real], "im": np.r_[np.inf, ONE[:, 0].imag]}
+    (tmp_path / "frf.csv").write_text(table(columns))
+    found = read_frf_table(tmp_path / "frf.csv")
+    assert found is not None
+    assert found.notes == ("The line at 0 Hz holds no finite number, and was left out.",)
+    np.testing.assert_array_equal(found.frequency, LINES)
+    np.testing.assert_allclose(found.frf[:, 0], ONE[:, 0], rtol=1e-12)
+    (tmp_path / "frf.csv").write_text(table(columns | {"f": np.r_[0.0, LINES] + 3.5}))
+    with pytest.raises(MeasurementError, match=r"frf\.csv: expected finite FRFs, got NaN or infinity at 3\.5 Hz"):
+        read_frf_table(tmp_path / "frf.csv")
 
 
 @pytest.mark.parametrize(

@@ -96,6 +96,23 @@ def test_every_format_gives_the_same_records(write: Callable[[Path], Path], tmp_
     assert (found.reference, found.responses) == (12, (7, 2))
 
 
+def test_samples_of_eight_bits_have_their_zero_in_the_middle(tmp_path):
+    """The only ones of WAV without a sign: silence is 128."""
+    samples = np.round(CHANNELS / FULL.max() * 127 + 128).astype(np.uint8)
+    wavfile.write(tmp_path / "12.wav", int(made.RATE), samples.T)
+    (found,) = read_recordings(tmp_path / "12.wav", Layout(scale=(FULL.max(), FULL.max())))
+    # Half a step, and full scale is 128 steps, of which 127 are used.
+    np.testing.assert_allclose(found.force, CHANNELS[0], atol=1.6 / 128 * FULL.max())
+    np.testing.assert_allclose(found.response, CHANNELS[1:], atol=1.6 / 128 * FULL.max())
+
+
+def test_a_file_without_a_sample_is_refused_without_a_warning(tmp_path, recwarn):
+    wavfile.write(tmp_path / "12.wav", 2048, CHANNELS.T[:0].astype(np.float32))
+    with pytest.raises(MeasurementError, match=r"12\.wav: expected samples, got none"):
+        read_recordings(tmp_path / "12.wav")
+    assert not recwarn.list
+
+
 @pytest.mark.parametrize("x_columns", ["One", "Multi"])
 def test_times_that_labview_has_written_are_no_channel(x_columns, tmp_path):
     """The largest of all columns, and the only one that rises: they were taken for the force."""
@@ -156,6 +173,16 @@ def test_a_universal_file_gives_nodes_signs_and_units(tmp_path, record_58):
         np.testing.assert_allclose(one.response, channels[1:], atol=1e-7)
 
 
+def test_a_universal_files_own_rate_is_said_where_another_was_told(tmp_path, record_58):
+    path = tmp_path / "hits.uff"
+    path.write_bytes(uff_records(record_58, CHANNELS))
+    (found,) = read_recordings(path, Layout(rate=3 * made.RATE))
+    assert found.rate == 3 * made.RATE
+    assert [note for note in found.notes if f"own rate is {made.RATE:.6g} Hz" in note]
+    (found,) = read_recordings(path, Layout(rate=made.RATE))
+    assert not [note for note in found.notes if "own rate" in note]
+
+
 def test_a_universal_file_without_a_force_says_what_is_missing(tmp_path, record_58):
     path = tmp_path / "hits.uff"
     path.write_bytes(uff_records(record_58, CHANNELS)[len(uff_records(record_58, CHANNELS[:1])) :])
@@ -197,6 +224,27 @@ def refused(name: str, content: bytes | None, folder: Path, layout: Layout | Non
 )
 def test_a_file_that_is_none_is_refused_in_one_sentence(name, content, words, tmp_path):
     assert words in refused(name, content, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"rate": 0.0}, {"rate": -48e3}, {"rate": np.nan}, {"rate": np.inf}, {"scale": (0.0, 1.0)}]
+)
+def test_a_rate_or_a_factor_that_is_none_is_refused(settings):
+    with pytest.raises(ValueError, match=r"Expected (a rate above 0 Hz, got|factors other than 0 to N and SI, got)"):
+        Layout(**settings)
+
+
+@pytest.mark.parametrize("write", [wav, npz, csv], ids=lambda f: f.__name__)
+def test_a_rate_that_is_told_counts_before_the_files_own_which_is_said(write, tmp_path):
+    path = write(tmp_path / "12")
+    (found,) = read_recordings(path, Layout(rate=1.25 * made.RATE))
+    assert found.rate == 1.25 * made.RATE
+    (note,) = [note for note in found.notes if "--rate" in note]
+    assert f"own rate is {made.RATE:.6g} Hz, and {1.25 * made.RATE:.6g} Hz was taken" in note
+    # As a column of times with few digits says it.
+    for rate in (None, 1.0004 * made.RATE):
+        (found,) = read_recordings(path, Layout(rate=rate))
+        assert not [note for note in found.notes if "--rate" in note]
 
 
 def test_arrays_without_a_force_name_what_there_is(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from torchplate.measurement import Layout, MeasurementError, read_modal_table, read_nodes, read_recordings
-from torchplate.measurement.text_table import cells_of, lines_of, unit_in
+from torchplate.measurement.text_table import cells_of, complex_of, lines_of, number_of, unit_in
 
 _spec = importlib.util.spec_from_file_location("hits", Path(__file__).with_name("hits.py"))
 assert _spec
@@ -22,6 +22,7 @@ G = 9.80665
 @pytest.mark.parametrize(
     ("line", "cells"),
     [
+        ("1,0D+03;2,5d-02", ["1.0D+03", "2.5d-02"]),
         ("7;0,25;-1,5e-3", ["7", "0.25", "-1.5e-3"]),
         ("7\t0,25\t3", ["7", "0.25", "3"]),
         ("7 0,25  3,5", ["7", "0.25", "3.5"]),
@@ -52,6 +53,36 @@ def test_nodes_with_decimal_commas_keep_their_places(tmp_path):
     path = tmp_path / "nodes.csv"
     path.write_text("node;x;y\n1;0;0,1\n8;0,42;0,3\n")
     assert read_nodes(path) == {1: (0.0, 0.1, 0.0), 8: (0.42, 0.3, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("cell", "value"), [("1.0D+03", 1e3), ("-2.5d-02", -2.5e-2), (".5D1", 5.0), ("1D3", 1e3), ("7.", 7.0)]
+)
+def test_an_exponent_of_fortran_is_that_of_ten(cell, value):
+    assert number_of(cell) == value
+    assert complex_of(cell) == value
+    assert complex_of(f"{cell}+{cell.lstrip('-')} I") == complex(value, abs(value))
+
+
+@pytest.mark.parametrize("cell", ["D+03", "1.0D", "node", "1.0DD2", ""])
+def test_what_only_looks_like_an_exponent_is_no_number(cell):
+    for read in (number_of, complex_of):
+        with pytest.raises(ValueError, match=r"could not convert|malformed"):
+            read(cell)
+
+
+def test_tables_of_nodes_modes_and_records_may_have_exponents_of_fortran(tmp_path):
+    path = tmp_path / "nodes.csv"
+    path.write_text("node,x,y\n1,0.0D+00,1.0D-01\n8,4.2D-01,3.0D-01\n")
+    assert read_nodes(path) == {1: (0.0, 0.1, 0.0), 8: (0.42, 0.3, 0.0)}
+    path.write_text("mode,frequency_hz,damping_ratio,1,7\n1,6.841D+01,3.1D-03,1.0D+00,-5.2D-01\n")
+    found = read_modal_table(path)
+    assert (float(found.frequency[0]), float(found.damping_ratio[0])) == (68.41, 0.0031)
+    assert found.shape[0].tolist() == [1.0, -0.52]
+    rows = [",".join(f"{x:.12E}".replace("E", "D") for x in row) for row in np.stack([TIME, FORCE, LEFT], axis=1)]
+    (tmp_path / "12.csv").write_text("\n".join(["time,force,acc", *rows]))
+    (record,) = read_recordings(tmp_path / "12.csv")
+    np.testing.assert_allclose(record.force, FORCE, atol=1e-8)
 
 
 def test_modes_with_decimal_commas_are_read(tmp_path):

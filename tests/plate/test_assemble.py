@@ -251,6 +251,13 @@ def uniform_section(**change: torch.Tensor) -> Section:
     return Section(**(own | change))
 
 
+def test_elements_without_a_loss_of_their_own_lose_nothing_and_others_that_part_of_their_rigidity() -> None:
+    plain = uniform_section()
+    assert float(plain.lossy_rigidity.abs().max()) == 0
+    lossy = uniform_section(loss_factor=torch.tensor([[0.03]], dtype=torch.float64))
+    torch.testing.assert_close(lossy.lossy_rigidity, 0.03 * plain.rigidity, rtol=1e-14, atol=0)
+
+
 def test_the_rigidity_of_an_isotropic_section_is_that_of_the_paper() -> None:
     # Eq. 12 with numbers put in by hand.
     flexural = 70e9 * 0.004**3 / (12 * (1 - 0.33**2))

@@ -108,6 +108,22 @@ def test_springs_along_an_edge_hold_what_is_left_of_it() -> None:
 
 
 @pytest.mark.parametrize(
+    ("edge", "left", "across", "dof", "sign"), [("x1", 0.15, 0.5, 2, -1.0), ("y0", 0.4, 0.3, 1, 1.0)]
+)
+def test_rotational_springs_along_an_edge_hold_what_is_left_of_it_too(edge, left, across, dof, sign) -> None:
+    """A rigid body that turns about the edge by an angle φ stores κ φ² over the length that is there."""
+    notch = Mesh(0.5, 0.3, 5, 4, cut=((0.8, 0.0, 1.0, 0.5),))
+    spring = {"edge.stiffness": 0.0, "edge.rotational_stiffness": 40.0}
+    system = build(notch, {"edge": EdgeSpring(edge=edge)}, spring).system(NONE)
+    turned = torch.zeros(notch.n_dof, dtype=torch.float64)
+    # w = x or y over the side, so that the angle is one over it.
+    turned[0::3] = notch.node_place[:, 0 if edge == "x1" else 1]
+    turned[dof::3] = sign
+    turned = turned[notch.free_dof]
+    assert float(turned @ system.stiffness @ turned) == pytest.approx(40.0 * left / across**2, rel=1e-9)
+
+
+@pytest.mark.parametrize(
     ("cut", "told"),
     [
         ((0.2, 0.25, 0.5, 0.75), "x1 of mesh.cut\\[0\\] on a line of the 5 × 4 mesh, such as 0.4 or 0.6, got 0.5"),
@@ -134,6 +150,11 @@ def test_sensors_and_supports_inside_a_hole_are_refused() -> None:
     # Node 15: x = 0.4, y = 0.5.
     with pytest.raises(ValueError, match="inside a hole"):
         model.frf(NONE, 50.0, [1], [15])
+    # Of a model's own channels it is said as the model is made; one that has none yet is made.
+    for own in ({"response": [(0.4, 0.5)]}, {"response": [1], "reference": [15]}):
+        with pytest.raises(ValueError, match="inside a hole"):
+            build(HOLED, **own)
+    assert build(HOLED, response=[1]).frf(NONE, 50.0, reference=[2]).shape == (1, 1, 1)
     with pytest.raises(ValueError, match="wires: Expected points on the plate, got 15 inside a hole"):
         build(HOLED, {"wires": SupportSpring(nodes=(1, 15))}, {"wires.stiffness": 1e3, "wires.viscous_damping": 0.0})
 

@@ -95,6 +95,17 @@ def test_the_fit_comes_first_in_words(objective, monkeypatch):
         assert found.fit in re.sub("<[^>]*>", "", text).replace("\u00a0", " ")
 
 
+def test_what_looks_wrong_with_the_frfs_stands_before_the_fit_that_it_explains(objective, monkeypatch):
+    monkeypatch.setattr("torchplate.report.page.svg", lambda *_: "")
+    monkeypatch.setattr("torchplate.report.run.png", lambda *_: b"")
+    sign, other = "With the sign of all FRFs turned the gap is 3 %.", "wires.stiffness ended on its bound."
+    found = replace(result(objective, 1.81), misread=[sign], caveats=[sign, other])
+    text = run_report("plate", objective, found, 1)["report.md"].decode()
+    assert f"**{sign} {found.fit}**" in text
+    assert text.count(sign) == 1
+    assert f"**Note**: {other}" in text
+
+
 def test_parameters_have_their_unit_their_error_and_the_interval_that_was_searched(page):
     (table,) = [table for table in page.tables if "unit" in table[0]]
     modulus, spring = (dict(zip(table[0], row, strict=True)) for row in table[1:])

@@ -21,7 +21,7 @@ def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]
     space = objective.model.space
     sentences = []
     for index, name in enumerate(space.names):
-        value, unit = f"{float(theta[index]):.6g}", space.units[index]
+        value, unit = f"{float(theta[index]):.6g}", "" if space.units[index] == "-" else f" {space.units[index]}"
         low, high = float(space.low[index]), float(space.high[index])
         if bool(seen.blind[index]):
             sentences.append(
@@ -32,12 +32,12 @@ def caveats(objective: Objective, theta: Tensor, seen: Sensitivity) -> list[str]
         if bool(space.at_bound(theta)[index]):
             end = "upper" if float(theta[index]) > 0.5 * (low + high) else "lower"
             sentences.append(
-                f"{name} ended on the {end} bound of its interval, {value} {unit}: the optimum lies beyond it, or an "
+                f"{name} ended on the {end} bound of its interval, {value}{unit}: the optimum lies beyond it, or an "
                 "effect is missing that this parameter stands in for. Widen the interval, or look for the effect."
             )
         if not bool(seen.flat[:, index].any()) and float(seen.std[index]) > WIDE * (high - low):
             sentences.append(
-                f"The data hardly see {name}: its standard error, {float(seen.std[index]):.3g} {unit}, is as wide "
+                f"The data hardly see {name}: its standard error, {float(seen.std[index]):.3g}{unit}, is as wide "
                 "as its interval. Measure where it acts, or give it as a number."
             )
     for direction in seen.flat:
@@ -76,8 +76,8 @@ def of_sign(objective: Objective, theta: Tensor) -> list[str]:
     turned, mirrored = float(objective.turned_gap(theta)), float(objective.mirrored_gap(theta))
     if mirrored < MIRRORED * min(gap, turned):
         return [
-            f"With the phases of all FRFs mirrored the gap is {percent(mirrored)}: they are of exp(−iωt) where "
-            "exp(+iωt) is expected. Write the complex conjugate of each."
+            f"With the phases of all FRFs mirrored the gap is {percent(mirrored)} instead of {percent(gap)}: they are "
+            "of exp(−iωt) where exp(+iωt) is expected. Write the complex conjugate of each."
         ]
     if gap < NOTHING:
         return []
@@ -85,7 +85,7 @@ def of_sign(objective: Objective, theta: Tensor) -> list[str]:
     if not turned < NOTHING or percent(turned) == percent(NOTHING):
         return []
     return [
-        f"With the sign of all FRFs turned the gap is {percent(turned)}: a sensor is mounted upside down, or a "
-        "direction is -Z where the file says +Z. Add the effect channel_polarity with channels: [[null, null]], or "
-        "turn the sign in the export."
+        f"With the sign of all FRFs turned the gap is {percent(turned)} instead of {percent(gap)}: a sensor is mounted "
+        "upside down, or a direction is -Z where the file says +Z. Add the effect channel_polarity with channels: "
+        "[[null, null]], or turn the sign in the export."
     ]

@@ -9,9 +9,9 @@ from torch import Tensor
 
 from torchplate.discrepancy import Objective, sensitivity
 from torchplate.identification.basis_check import TOLERANCE, wanted
-from torchplate.identification.caveats import caveats, of_sign
+from torchplate.identification.caveats import caveats
 from torchplate.identification.job import Settings
-from torchplate.identification.odd_channels import of_channels
+from torchplate.identification.odd_channels import misread_in
 from torchplate.identification.result import MODAL_MODEL, NATURAL_FREQUENCIES, Result, finite, values
 from torchplate.model import DENSE, PlateModel, SparseModel, basis_error
 from torchplate.search import LeastSquares, Optimizer, Outcome
@@ -100,14 +100,16 @@ def with_search(
     best, objective = theta[0], searched(theta)
     by_squares = isinstance(search, LeastSquares)
     seen = sensitivity(searched, best, least_squares=by_squares) if searched.model.names else None
-    sign = of_channels(searched, best) or of_sign(searched, best) if isinstance(searched.model, PlateModel) else []
+    # Of several states each has its own.
+    misread = misread_in(searched, best) if isinstance(searched.model, PlateModel) else []
     result = dataclasses.replace(
         result,
         parameters=values(searched, best, seen),
         objective=float(objective[0]),
         gap=float(searched.gap(best)),
         theta=best,
-        caveats=([] if seen is None else caveats(searched, best, seen)) + sign,
+        caveats=misread + ([] if seen is None else caveats(searched, best, seen)),
+        misread=misread,
         correlation=None if seen is None else [[finite(one) for one in row] for row in seen.correlation],
         repeats={"objective": objective.tolist(), "theta": theta.tolist()} if len(theta) > 1 else None,
     )

@@ -15,17 +15,20 @@ LOOK_FIRST = (
     "Do not use the values: look at sides, units, channels, supports and the mesh (torchplate inspect), then "
     "torchplate diagnose."
 )
+MEND_FIRST = "Do not use the values: first mend what is said of the FRFs, and run again."
 SOMETHING_MISSING = "Look for what is missing (torchplate diagnose) before the values are used."
 
 
-def fit_in_words(gap: float, of_frfs: bool) -> str:
+def fit_in_words(gap: float, of_frfs: bool, misread: bool = False) -> str:
     """What a gap says of the fit, and what to do.
 
     Args:
         gap: of FRFs, or the error of natural frequencies [-].
         of_frfs: which.
+        misread: whether a sign, phases or a factor of the FRFs look wrong, which is said before.
     """
     told = percent(gap)
+    look, missing = (MEND_FIRST, MEND_FIRST) if misread else (LOOK_FIRST, SOMETHING_MISSING)
     if not of_frfs:
         if not gap < POOR_FREQUENCY:
             return f"The fit is poor: the natural frequencies are off by {told}. {LOOK_FIRST}"
@@ -33,12 +36,11 @@ def fit_in_words(gap: float, of_frfs: bool) -> str:
             return f"The fit is partial: the natural frequencies are off by {told}. {SOMETHING_MISSING}"
         return f"The fit is close: the natural frequencies are within {told}."
     if not gap < NOTHING:
-        return (
-            f"The model explains nothing: its gap is {told}, and FRFs that are zero everywhere have 100 %. {LOOK_FIRST}"
-        )
+        model = "As the FRFs stand, the model" if misread else "The model"
+        return f"{model} explains nothing: its gap is {told}, and FRFs that are zero everywhere have 100 %. {look}"
     left = f"{percent(gap**2, 2)} of the FRFs' energy"
     if not gap < POOR:
-        return f"The fit is poor: a gap of {told} leaves {left} unexplained. {LOOK_FIRST}"
+        return f"The fit is poor: a gap of {told} leaves {left} unexplained. {look}"
     if not gap < PARTIAL:
-        return f"The fit is partial: a gap of {told} leaves {left} unexplained. {SOMETHING_MISSING}"
+        return f"The fit is partial: a gap of {told} leaves {left} unexplained. {missing}"
     return f"The fit is close: a gap of {told} leaves {left} unexplained."

@@ -11,11 +11,10 @@ from torch import Tensor
 
 from torchplate.discrepancy import Objective
 from torchplate.identification.basis_check import in_reduced_basis
-from torchplate.identification.caveats import of_sign
 from torchplate.identification.evaluation import compared, off_in_basis, with_search
 from torchplate.identification.job import Job, Settings
 from torchplate.identification.mesh_error import followed_in_states
-from torchplate.identification.odd_channels import of_channels
+from torchplate.identification.odd_channels import misread_in
 from torchplate.identification.polish import polished
 from torchplate.identification.result import Result
 from torchplate.identification.states import States
@@ -95,16 +94,18 @@ def _found(
     best = theta[0]
     parts: dict[str, Result] = {}
     said: list[str] = []
+    misread: list[str] = []
     for k, (one, small) in enumerate(zip(states.states, searched.states, strict=True)):
         own = states.theta_of(k, best)
         parts[one.name] = compared(one.objective, small.objective, own, optimizer, settings)
         if small.objective is not one.objective and len(own):
             said += off_in_basis(one.objective, small.objective, own, one.name)[1]
-        odd = of_channels(small.objective, own) or of_sign(small.objective, own)
-        said += [f"State '{one.name}': {sentence}" for sentence in odd]
+        odd = misread_in(small.objective, own)
+        parts[one.name] = dataclasses.replace(parts[one.name], misread=odd)
+        misread += [f"State '{one.name}': {sentence}" for sentence in odd]
     first = dataclasses.replace(next(iter(parts.values())), gain=None, modes=None, status=NOT_SEARCHED)
     whole = with_search(first, searched, theta, outcome, optimizer)
-    whole = dataclasses.replace(whole, caveats=whole.caveats + said)
+    whole = dataclasses.replace(whole, caveats=misread + whole.caveats + said, misread=misread)
     for k, one in enumerate(states.states):
         pairs = zip(one.objective.model.names, states.names_of(k), strict=True)
         own_values = {name: whole.parameters[joint] for name, joint in pairs}

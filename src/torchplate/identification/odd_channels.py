@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from torchplate.discrepancy import Objective
+from torchplate.identification.caveats import of_sign
 from torchplate.identification.fit_quality import NOTHING, POOR
 from torchplate.measurement import Channel, Measurement
 from torchplate.model import Point
@@ -41,6 +42,16 @@ class Own(NamedTuple):
     gap: float
     turned: float
     rest: float
+
+
+def misread_in(objective: Objective, theta: Tensor) -> list[str]:
+    """What looks wrong with the FRFs as they were read, a sentence each: single channels, else the sign of all.
+
+    Args:
+        objective: of a model with the measurement's channels.
+        theta: what was found, in SI units.
+    """
+    return of_channels(objective, theta) or of_sign(objective, theta)
 
 
 @torch.no_grad()

@@ -55,6 +55,7 @@ class Result:
         search: all settings of the search, as plain values.
         theta: the values as a tensor in SI units, as `PlateModel.frf` takes it.
         caveats: what must be known before the values are trusted, a sentence each.
+        misread: those of them that stand first: a sign, phases or a factor of the FRFs that looks wrong.
         correlation: of the errors, a row for each parameter [-]; None beside one that the data cannot see.
         gain: the fitted level, reading over SI unit, where the measurement's is unknown.
         repeats: objective and values of each independent search, the best first, where there were several.
@@ -79,6 +80,7 @@ class Result:
     search: Mapping[str, Any]
     theta: Float[Tensor, " n_parameter"]
     caveats: list[str] = field(default_factory=list)
+    misread: list[str] = field(default_factory=list)
     correlation: list[list[float | None]] | None = None
     gain: float | None = None
     repeats: Mapping[str, Any] | None = None
@@ -127,7 +129,8 @@ class Result:
         """How good the fit is, a sentence or two; None where nothing was compared."""
         if self.gap is None:
             return None
-        return fit_in_words(self.gap, self.objective_kind not in (NATURAL_FREQUENCIES, MODAL_MODEL))
+        of_frfs = self.objective_kind not in (NATURAL_FREQUENCIES, MODAL_MODEL)
+        return fit_in_words(self.gap, of_frfs, bool(self.misread))
 
     def correlated(self) -> list[tuple[str, str, float]]:
         """Pairs of parameters whose errors are correlated beyond `CORRELATED`."""

@@ -17,6 +17,7 @@ from torchplate.measurement.measurement import SI_UNIT, Channel, Measurement, Me
 from torchplate.measurement.parsing import reads
 from torchplate.measurement.record_files import Layout
 from torchplate.measurement.record_tables import MAPPINGS, flat, headed, rows_of
+from torchplate.measurement.text_table import complex_of
 from torchplate.notation import counted
 
 FREQUENCY: Final = frozenset({"f", "fr", "freq", "freqs", "frequency", "frequencies", "frequenz", "hz", "w", "omega"})
@@ -33,6 +34,8 @@ PLAIN: Final = frozenset({"freq", "freqs", "frequency", "frequencies", "frequenz
 """Names of a frequency axis that nothing else has: f may be a force, w a response."""
 DECIBEL_OVER: Final = re.compile(r"dB\W+(?:re|rel|ref)\b[.:\s]*(\d[\d.]*(?:[eE][-+]?\d+)?)", re.IGNORECASE)
 """Decibel over a value, as dB re 1e-6 m/s²/N."""
+HALF_OF_IT: Final = 0.5
+"""Of π [-]: what phases pass at a resonance. In radians, phases that stay below it pass none."""
 OTHER_HALF: Final = {"real": "imaginary", "amplitude": "phase"}
 
 
@@ -128,7 +131,7 @@ def _of_arrays(content: Mapping[str, Any]) -> tuple[np.ndarray, list[str], list[
 
 def _of_columns(path: Path) -> tuple[np.ndarray, list[str], list[_Column]] | None:
     try:
-        heads, rows = rows_of(path, _number)
+        heads, rows = rows_of(path, complex_of)
     except MeasurementError:
         return None
     if not rows or len({len(row) for row in rows}) != 1:
@@ -174,7 +177,8 @@ def _assembled(path: Path, frequency: np.ndarray, notes: list[str], columns: Seq
                     "its phase. Export real and imaginary parts."
                 )
             others.remove(other)
-            found.append(one.value + 1j * other.value if first == "real" else _polar(path, one, other, notes))
+            with np.errstate(invalid="ignore"):  # what is no number is told below
+                found.append(one.value + 1j * other.value if first == "real" else _polar(path, one, other, notes))
             units.append(one.unit if first == "real" or not _is_decibel(one) else "")
     if not found:
         names = ", ".join(one.name for one in columns) or "nothing else"
@@ -184,9 +188,18 @@ def _assembled(path: Path, frequency: np.ndarray, notes: list[str], columns: Seq
         )
     whole = found[0] if len(found) == 1 else np.concatenate([one.reshape(len(one), -1) for one in found], axis=1)
     whole = whole[:, None] if whole.ndim == 1 else whole
+    broken = ~np.isfinite(whole).reshape(len(whole), -1).all(axis=1)
+    if broken.any() and (frequency[broken] != 0).any():
+        where = float(frequency[broken & (frequency != 0)][0])
+        raise MeasurementError(
+            f"{path}: expected finite FRFs, got NaN or infinity at {where:g} Hz. Remove that line, or export it again."
+        )
     coherence = [one.value for one in parts["coherence"]]
     told = np.concatenate([one.reshape(len(one), -1) for one in coherence], axis=1) if coherence else None
     told = told.real.reshape(whole.shape) if told is not None and told.size == whole.size else None
+    if broken.any():
+        notes.append("The line at 0 Hz holds no finite number, and was left out.")
+        frequency, whole, told = frequency[~broken], whole[~broken], None if told is None else told[~broken]
     return FrfTable(frequency, whole, next(filter(None, units), ""), told, tuple(dict.fromkeys(notes)))
 
 
@@ -202,11 +215,30 @@ def _polar(path: Path, amplitude: _Column, phase: _Column, notes: list[str]) -> 
             f"{path}: expected amplitudes of 0 and above in {amplitude.name!r}, got {level.min():.4g}. If they are "
             f"levels in dB, name the column '{amplitude.name} [dB]'."
         )
-    words = {*_words(phase.name), *_words(phase.unit)}
+    return level * np.exp(1j * _in_radians(phase, notes) * phase.value.real)
+
+
+def _in_radians(phase: _Column, notes: list[str]) -> float:
+    """Factor of a column of phases to radians, as its head says, else by how far they go."""
+    head = f"{phase.name} {phase.unit}"
+    words, most = set(_words(head)), float(np.abs(phase.value).max())
+    if words & {"pi"} or "π" in head:
+        notes.append(f"Phases in {phase.name!r} were taken as parts of π, by its head.")
+        return float(np.pi)
+    if words & {"deg", "degree", "degrees", "grad"} or "°" in head:
+        return float(np.pi / 180)
+    if words & {"rad", "radian", "radians"}:
+        return 1.0
     # An FRF goes through half a turn at least, which is 3 in radians and 180 in degrees.
-    degrees = bool(words & {"deg", "degree", "degrees", "grad"} or "°" in phase.name + phase.unit)
-    degrees |= not words & {"rad", "radian", "radians"} and float(np.abs(phase.value).max()) > 10 * np.pi
-    return level * np.exp(1j * (np.radians(phase.value.real) if degrees else phase.value.real))
+    if most > 10 * np.pi:
+        return float(np.pi / 180)
+    if HALF_OF_IT < most <= 1:
+        notes.append(
+            f"All phases in {phase.name!r} lie within ±1, where a resonance turns them by 3.14 rad: they look like "
+            "parts of π, and were taken in rad, as nothing says otherwise. If they are, name the column "
+            f"'{phase.name} [pi]'."
+        )
+    return 1.0
 
 
 def frfs_of_tables(
@@ -325,7 +357,3 @@ def _is_decibel(one: _Column) -> bool:
 
 def _real(one: _Column) -> np.ndarray:
     return one.value if one.part == "complex" else one.value.real
-
-
-def _number(cell: str) -> complex:
-    return complex(cell.replace(" ", "").replace("i", "j").replace("J", "j"))

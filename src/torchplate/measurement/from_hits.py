@@ -26,6 +26,10 @@ ENDED: Final = 7.0
 off is still more than the noise of a quiet test, and was taken for another window."""
 
 
+KEPT = 0.5
+"""Of a pulse's peak [-], which a force window that is meant for it keeps whole."""
+
+
 def frf_of_hits(
     recordings: Sequence[Recording],
     cutting: Cutting | None = None,
@@ -54,6 +58,8 @@ def frf_of_hits(
     responses = sorted({node for own in hits.values() for node in own.recording.responses})
     references = list(hits)
     first = next(iter(hits.values()))
+    for own in hits.values():
+        _check_windows(own, windows)
     found = {reference: estimate(own, windows, estimator) for reference, own in hits.items()}
     lines = next(iter(found.values())).frequency
     for reference, one in found.items():
@@ -64,6 +70,31 @@ def frf_of_hits(
             )
     keep = lines <= first.rate / ALIAS_FREE * (1 + 1e-9)
     return _measurement(hits, found, lines[keep], keep, responses, references, windows)
+
+
+def _check_windows(hits: Hits, windows: Windows | None) -> None:
+    """Whether windows leave something of the hits.
+
+    Raises:
+        MeasurementError: A force window that ends before the pulse, or a time constant within a sample.
+    """
+    source = hits.recording.source
+    if windows is not None and windows.exponential is not None and windows.exponential * hits.rate < 1:
+        raise MeasurementError(
+            f"{source}: expected a time constant of more than one sample, {1 / hits.rate:.3g} s, got "
+            f"{windows.exponential:g} s, which leaves nothing. --exponential-window is in s."
+        )
+    if windows is None or windows.force is None:
+        return
+    force = np.abs(hits.force - np.median(hits.force, axis=1, keepdims=True))
+    window, _ = Windows(windows.force).over(force.shape[1], hits.rate)
+    if bool(((force * window).max(axis=1) < KEPT * force.max(axis=1)).any()):
+        latest = float(force.argmax(axis=1).max()) / hits.rate
+        raise MeasurementError(
+            f"{source}: expected a force window that holds the pulse, which comes {latest:.3g} s after the record "
+            f"starts, as the window does, got one of {windows.force:g} s. Give --force-window "
+            f"{latest + windows.force:.2g}."
+        )
 
 
 def _common(groups: Sequence[list[Recording]], cutting: Cutting) -> Cutting:
@@ -145,7 +176,9 @@ def _left_at_end(hits: Hits, windows: Windows | None) -> float:
     """Level of the responses in the last twentieth of their records over that of the whole [-], noise taken off."""
     n = hits.force.shape[1]
     n_last, n_before = max(n // 20, 1), _n_before(hits)
-    square = np.square(hits.response)
+    # A channel that does not stand at zero before the hit, as a sound card's, does not ring for that.
+    level = hits.response[..., :n_before].mean(-1, keepdims=True) if n_before else 0.0
+    square = np.square(hits.response - level)
     noise = square[..., :n_before].mean(-1) if n_before else np.zeros(square.shape[:-1])
     if windows is not None and windows.exponential is not None:
         square = square * np.exp(-2 * np.arange(n) / hits.rate / windows.exponential)
@@ -155,6 +188,6 @@ def _left_at_end(hits: Hits, windows: Windows | None) -> float:
 
 def _n_before(hits: Hits) -> int:
     """Samples before each hit, which are noise; 0 where they are too few to say so."""
-    force = np.abs(hits.force)
+    force = np.abs(hits.force - np.median(hits.force, axis=1, keepdims=True))
     n_before = int((force > 0.05 * force.max(axis=1, keepdims=True)).argmax(axis=1).min()) * 3 // 4
     return n_before if n_before >= 8 else 0

@@ -36,7 +36,8 @@ _HERTZ: Final = (
     | dict.fromkeys(("rad/s", "rad/s.", "radians/s"), 1 / (2 * math.pi))
     | dict.fromkeys(("rpm", "cpm", "1/min"), 1 / 60)
 )
-_OTHER: Final = {"", "-", "v", "mv", "pa", "um/m", "counts", "eu"}
+_ANGLES: Final = {"deg", "degree", "degrees", "°", "grad", "rad", "radian", "radians", "pi", "π", "pirad", "πrad"}
+_OTHER: Final = {"", "-", "v", "mv", "pa", "um/m", "counts", "eu", "db"} | _ANGLES
 """What else stands in a row of units."""
 
 UNIT_OF_KIND: Final[dict[str, Kind]] = {

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from torchplate.measurement.archive import plain
 from torchplate.measurement.measurement import Channel, MeasurementError
-from torchplate.measurement.text_table import lines_of, with_point
+from torchplate.measurement.text_table import complex_of, lines_of, with_point
 
 HEAD: Final = ("mode", "frequency_hz", "damping_ratio")
 EXAMPLE: Final = f"Write the columns {', '.join(HEAD)}, then one for each node, such as 1, 2, 3"
@@ -227,7 +227,7 @@ def _cell(text: str, head: str, number: int, path: Path) -> complex:
     if not text and head.lower() == HEAD[2]:
         return complex(math.nan)
     try:
-        return complex(with_point(text.replace(" ", "")).lower().replace("i", "j"))
+        return complex_of(with_point(text.replace(" ", "")))
     except ValueError:
         raise MeasurementError(
             f"{path}: expected a number under '{plain(head[:60])}' in line {number}, got '{plain(text[:60])}'. Write "

@@ -10,7 +10,7 @@ from torchplate.measurement.measurement import Channel, Measurement, Measurement
 from torchplate.measurement.node_heads import is_head, is_row_of_units, known, units_of
 from torchplate.measurement.parsing import reads
 from torchplate.measurement.read import UFF_SUFFIX
-from torchplate.measurement.text_table import cells_of, lines_of
+from torchplate.measurement.text_table import cells_of, lines_of, number_of
 from torchplate.measurement.uff_geometry import read_geometry
 
 Point = tuple[float, float, float]
@@ -85,7 +85,7 @@ def read_node_table(path: Path) -> NodeTable:
                 units += units_of(head)
             continue
         try:
-            values = [float(cell) for cell in cells]
+            values = [number_of(cell) for cell in cells]
         except ValueError:
             if not found and (heads == 0 or (heads == 1 and is_row_of_units(cells))):
                 units += cells[1:] if heads else units_of(cells)

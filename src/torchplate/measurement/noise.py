@@ -23,7 +23,7 @@ from torchplate.measurement.measurement import Measurement
 from torchplate.measurement.quality import line_noise, reciprocity
 from torchplate.measurement.rational_fit import N_LOCAL, RationalFit
 from torchplate.measurement.resonances import Resonances
-from torchplate.notation import percent
+from torchplate.notation import counted, percent
 
 # Fewer lines than this cannot part poles from noise; neighbours then have to do.
 LEAST_LINE: Final = 24
@@ -160,7 +160,7 @@ def _from_smoothness(
     if len(frf) < LEAST_LINE:
         share = line_noise(measurement)[measurement.measured][alive].to(frf.real)
         level = share * frf.abs().median(dim=0).values
-        said = f"The noise is an upper bound from the neighbours of each line: {len(frf)} lines are too few for more."
+        said = f"The noise is an upper bound from the neighbours of each line, of {counted(len(frf), 'line')} alone."
         crude = (0.5 * level.square()).expand(len(frf), -1)
         return _Scatter(
             crude,

@@ -83,6 +83,10 @@ LOOK: Final = (
     "and edges."
 )
 """What to do where no unit explains it."""
+REAL: Final = (
+    "All FRFs are real numbers: without imaginary parts no peak has a width, and what is found of damping means "
+    "nothing. If the export has left them out, export complex values."
+)
 ORDER: Final = ("receptance", "mobility", "accelerance")
 
 
@@ -108,6 +112,8 @@ def disagreements(
         if measurement is not None:
             if runs_backwards(measurement.to("cpu")):
                 found.append(f"{CONJUGATE[0].upper()}{CONJUGATE[1:]}. Write the complex conjugate of each.")
+            if not bool(measurement.frf.imag.any()):
+                found.append(REAL)
             counts = list(box.of_axis(measurement)) or list(box.of_counts(measurement))
             # A model whose frequencies are elsewhere says nothing of the level.
             found += counts or list(box.of_level(measurement.to(model.known.device), gain_is_unknown))

@@ -1,5 +1,6 @@
 """Readers of time records: universal files (58 type 1), WAV, MAT, NPZ, CSV and text, LVM."""
 
+import math
 import re
 from collections import defaultdict
 from dataclasses import dataclass, replace
@@ -17,6 +18,9 @@ from torchplate.measurement.recording import Motion, Recording
 from torchplate.measurement.uff_file import Record, open_uff
 from torchplate.measurement.uff_geometry import geometry_of
 
+SAME_RATE = 1e-3
+"""Relative [-]: natural frequencies of careful tests scatter by as much, and times of few digits are less off."""
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -24,11 +28,14 @@ class Layout:
 
     Args:
         force: Name or number (from 1) of the force channel; None to find it by its name or unit, else by its pulses.
-        rate: Samples per second [Hz], where the file does not say.
+        rate: Samples per second [Hz], where the file does not say; before what it says, which is noted.
         reference: Node that is hit, where the file does not say.
         responses: Nodes of the response channels in the file's order, likewise.
         scale: Factors to N and to the responses' SI unit; (1, 1) to go by the units that the file states.
         motion: What the responses are, where the file does not say.
+
+    Raises:
+        ValueError: A rate that is none, or a factor of nothing.
     """
 
     force: str | None = None
@@ -37,6 +44,15 @@ class Layout:
     responses: tuple[int, ...] = ()
     scale: tuple[float, float] = (1.0, 1.0)
     motion: Motion | None = None
+
+    def __post_init__(self) -> None:
+        if self.rate is not None and not 0 < self.rate < math.inf:
+            raise ValueError(f"Expected a rate above 0 Hz, got {self.rate:g}. Leave it out where the file has its own.")
+        if not all(0 < abs(factor) < math.inf for factor in self.scale):
+            raise ValueError(
+                f"Expected factors other than 0 to N and SI, got {self.scale[0]:g} and {self.scale[1]:g}. Leave them "
+                "out where the file has its units."
+            )
 
 
 @reads("time records")
@@ -87,6 +103,8 @@ def _from_table(table: RecordTable, path: Path, layout: Layout) -> list[Recordin
                 else "."
             )
         )
+    if not table.channels.shape[-1]:
+        raise MeasurementError(f"{path}: expected samples, got none. Export it again.")
     force, remark = _force_channel(table, path, layout)
     others = [i for i in range(n_channel) if i != force]
     if layout.responses and len(layout.responses) != len(others):
@@ -105,10 +123,20 @@ def _from_table(table: RecordTable, path: Path, layout: Layout) -> list[Recordin
             motion=motion,
             has_unit=has_unit,
             source=f"{path}" + (f", record {number}" if len(table.channels) > 1 else ""),
-            notes=(remark,) if remark else (),
+            notes=tuple(filter(None, (remark, _of_rate(table.rate, layout)))),
         )
         for number, hit in enumerate(table.channels, start=1)
     ]
+
+
+def _of_rate(own: float | None, layout: Layout) -> str:
+    """What is said where the file has another rate [Hz] than was told; times that were rounded have nearly the same."""
+    if own is None or layout.rate is None or abs(layout.rate - own) < SAME_RATE * own:
+        return ""
+    return (
+        f"The file's own rate is {own:.6g} Hz, and {layout.rate:.6g} Hz was taken, as --rate says: leave it out if the "
+        "file is right."
+    )
 
 
 def _units(
@@ -211,6 +239,7 @@ def _from_uff(path: Path, layout: Layout) -> list[Recording]:
         units += [to_si(MOTION.get(r.numerator, "acceleration"), r.labels[0]) for r in own]
         factor = [1.0 if unit is None else unit for unit in units]
         lengths = {len(r.value) for r in (force, *own)}
+        rate = 1 / float(np.median(np.diff(force.frequency)))
         if len(lengths) > 1:
             raise MeasurementError(
                 f"{path}: expected records of one length in each hit, got {min(lengths)} and {max(lengths)} values at "
@@ -218,7 +247,7 @@ def _from_uff(path: Path, layout: Layout) -> list[Recording]:
             )
         found.append(
             Recording(
-                rate=layout.rate or 1 / float(np.median(np.diff(force.frequency))),
+                rate=layout.rate or rate,
                 force=layout.scale[0] * factor[0] * force.sign * force.value.real,
                 response=np.stack(
                     [layout.scale[1] * f * r.sign * r.value.real for f, r in zip(factor[1:], own, strict=True)]
@@ -229,7 +258,7 @@ def _from_uff(path: Path, layout: Layout) -> list[Recording]:
                 has_unit=all(unit is not None for unit in units),
                 source=f"{path}, {force.label}",
                 coordinates=places,
-                notes=tuple(geometry.notes),
+                notes=tuple(filter(None, (*geometry.notes, _of_rate(rate, layout)))),
             )
         )
     return found

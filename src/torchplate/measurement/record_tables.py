@@ -12,7 +12,7 @@ from torchplate.measurement.archive import arrays_of, plain
 from torchplate.measurement.level import is_unit, second_of
 from torchplate.measurement.mat_elements import check_elements
 from torchplate.measurement.measurement import MeasurementError
-from torchplate.measurement.text_table import cells_of, lines_of, unit_in
+from torchplate.measurement.text_table import cells_of, lines_of, number_of, unit_in
 
 FORCE_NAME: Final = re.compile(
     r"force|hammer|exc|impact|kraft|^f\d*$|\[\s*(k|m)?n\s*\]|\(\s*(k|m)?n\s*\)", re.IGNORECASE
@@ -44,7 +44,11 @@ def _from_wav(path: Path) -> RecordTable:
             f"{path}: expected a WAV file, got one that does not parse ({error}). Export it again."
         ) from error
     columns = data[:, None] if data.ndim == 1 else data
-    full = float(np.iinfo(columns.dtype).max) + 1 if np.issubdtype(columns.dtype, np.integer) else 1.0
+    if columns.dtype == np.uint8:  # the only samples of WAV without a sign: 128 is silence
+        columns = columns.astype(np.int16) - 128
+        full = 128.0
+    else:
+        full = float(np.iinfo(columns.dtype).max) + 1 if np.issubdtype(columns.dtype, np.integer) else 1.0
     names = tuple(f"channel {i}" for i in range(1, columns.shape[1] + 1))
     return RecordTable(float(rate), names, (columns.T / full)[None])
 
@@ -149,7 +153,7 @@ def _word(key: str) -> str:
 
 def _from_text(path: Path) -> RecordTable:
     """Columns: time first unless a rate is given, then the channels; a head line names them, and may give units."""
-    heads, rows = rows_of(path, float)
+    heads, rows = rows_of(path, number_of)
     widths = {len(row) for row in rows}
     if len(widths) != 1:
         raise MeasurementError(

@@ -9,6 +9,8 @@ _MARKS: Final = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 _GERMAN: Final = re.compile(r"[-+]?\d*,\d+([eEdD][-+]?\d+)?")
 """A number with a decimal comma."""
 _NUMBER: Final = re.compile(r"[-+]?\d+([.,]\d*)?([eEdD][-+]?\d+)?|[-+]?[.,]\d+([eEdD][-+]?\d+)?")
+_FORTRAN: Final = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d)")
+_IMAGINARY: Final = re.compile(r"[iIJ](?=\)?$)")
 _BRACKETED: Final = re.compile(r"[\[(]\s*([^\[\]()]+(?:\([^()]*\))?[^\[\]()]*)\s*[\])]\s*$")
 
 
@@ -51,6 +53,24 @@ def cells_of(line: str) -> list[str]:
 def with_point(text: str) -> str:
     """A number with a decimal comma written with a point; anything else as it is."""
     return text.replace(",", ".") if _GERMAN.fullmatch(text) else text
+
+
+def number_of(cell: str) -> float:
+    """A cell as a number; Fortran's D before an exponent, as in 1.0D+03, is an E.
+
+    Raises:
+        ValueError: It is none.
+    """
+    return float(_FORTRAN.sub("e", cell))
+
+
+def complex_of(cell: str) -> complex:
+    """A cell as a complex number, whose imaginary unit is i or j, in either case; else as `number_of`.
+
+    Raises:
+        ValueError: It is none.
+    """
+    return complex(_IMAGINARY.sub("j", _FORTRAN.sub("e", cell.replace(" ", ""))))
 
 
 def unit_in(name: str) -> str:

@@ -76,9 +76,11 @@ def run_report(
     # The page is coloured as the sentence judges.
     mood = next((word for word in ("close", "partial") if f"fit is {word}" in fit), "poor")
     foot = _foot(result, command)
-    told = Document(name, fit, mood, _explained(objective, blocks), foot)
+    # What looks wrong with the FRFs explains the fit.
+    first = " ".join([*result.misread, fit])
+    told = Document(name, first, mood, _explained(objective, blocks), foot)
     shapes = list(_shapes(objective.model, result, objective))
-    whole = Document(name, fit, mood, _explained(objective, [*blocks, *shapes]), foot)
+    whole = Document(name, first, mood, _explained(objective, [*blocks, *shapes]), foot)
     files = {f"{key}.png": png(figure, DPI, N_COLOUR) for key, figure in drawn.items()}
     return files | {"report.md": markdown(told).encode(), "report.html": page(whole).encode()}
 
@@ -145,8 +147,8 @@ def _blocks(
 ) -> Iterator[Block]:
     """What to know first, then every number."""
     assert result.objective is not None
-    if result.caveats:
-        yield Listing([f"**Note**: {caveat}" for caveat in result.caveats])
+    if caveats := [caveat for caveat in result.caveats if caveat not in result.misread]:
+        yield Listing([f"**Note**: {caveat}" for caveat in caveats])
     reached = f"Objective `{result.objective_kind}`: **{result.objective:.6g}**, gap **{percent(result.gap)}**."
     yield Paragraph(f"{reached} {result.status}")
     if result.mesh_error_moved is not None:

@@ -1,22 +1,21 @@
 """Verbs that take what was measured."""
 
-from pathlib import Path
 from typing import Final
 
-from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, number, overwriting
+from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, number, overwriting, place
 
 
 def _new_arguments(parser: ArgumentParser) -> None:
     from torchplate.measurement import KINDS, METRES
     from torchplate.plate import MATERIALS
 
-    parser.add_argument("file", type=Path, help=".uff, .unv or .npz with FRFs")
+    parser.add_argument("file", type=place, help=".uff, .unv or .npz with FRFs")
     parser.add_argument("--length", type=number, nargs=2, metavar=("LX", "LY"), help="sides [m]; else proposed")
     parser.add_argument("--thickness", type=number, metavar="H", help="[m]; else searched")
     parser.add_argument("--mass", type=number, metavar="M", help="of the whole plate [kg], for its density")
     parser.add_argument("--material", metavar="NAME", help=f"one of {', '.join(MATERIALS)}")
     parser.add_argument(
-        "--nodes", type=Path, metavar="CSV", help="table node, x, y[, z], for files without coordinates"
+        "--nodes", type=place, metavar="CSV", help="table node, x, y[, z], for files without coordinates"
     )
     parser.add_argument("--unit", choices=list(METRES), help="of the coordinates; else proposed")
     parser.add_argument(
@@ -30,7 +29,7 @@ def _new_arguments(parser: ArgumentParser) -> None:
         "--edge", action="append", default=[], metavar="EDGE=HOW", help="x0=clamped, y1=simply_supported (may repeat)"
     )
     parser.add_argument("--kind", choices=list(KINDS), help="of the FRFs, where the file does not say")
-    parser.add_argument("--out", type=Path, metavar="CONFIG.yaml", help="the config (default: the file's name .yaml)")
+    parser.add_argument("--out", type=place, metavar="CONFIG.yaml", help="the config (default: the file's name .yaml)")
     overwriting(parser, "a config that is there and another")
 
 
@@ -53,8 +52,8 @@ def _new(parsed: Parsed) -> None:
 
 
 def _inspect_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("file", type=Path, help=".uff, .unv, .npz, or time records: .wav, .mat, .csv, .lvm")
-    parser.add_argument("--out", type=Path, help="folder of the figure (default: runs/inspect)")
+    parser.add_argument("file", type=place, help=".uff, .unv, .npz, or time records: .wav, .mat, .csv, .lvm")
+    parser.add_argument("--out", type=place, help="folder of the figure (default: runs/inspect)")
     overwriting(parser, "another figure in --out; that in runs/inspect is always made anew")
 
 
@@ -67,8 +66,10 @@ def _inspect(parsed: Parsed) -> None:
 def _frf_arguments(parser: ArgumentParser) -> None:
     from torchplate.measurement import ESTIMATES
 
-    parser.add_argument("records", type=Path, nargs="+", metavar="RECORDS", help=".uff, .wav, .mat, .npz, .csv or .lvm")
-    parser.add_argument("--out", type=Path, required=True, help="the file to write: .uff or .npz")
+    parser.add_argument(
+        "records", type=place, nargs="+", metavar="RECORDS", help=".uff, .wav, .mat, .npz, .csv or .lvm"
+    )
+    parser.add_argument("--out", type=place, required=True, help="the file to write: .uff or .npz")
     overwriting(parser, "another file of that name", force_is_a_channel=True)
     parser.add_argument("--estimator", choices=list(ESTIMATES), default="H1", help="(default: H1)")
     parser.add_argument(
@@ -94,7 +95,7 @@ def _frf_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--exponential-window", type=number, metavar="S", help="time constant [s], on all channels")
     parser.add_argument("--keep-all", action="store_true", help="keep double hits and overloads")
     parser.add_argument(
-        "--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of their places [m, or as its head says]"
+        "--nodes", type=place, metavar="CSV", help="table node, x, y[, z] of their places [m, or as its head says]"
     )
 
 
@@ -126,8 +127,8 @@ def _frf(parsed: Parsed) -> None:
 
 
 def _modes_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("file", type=Path, help=".uff, .unv or .npz with FRFs")
-    parser.add_argument("--out", type=Path, metavar="MODES", help="the file to write: .csv, or .uff with datasets 55")
+    parser.add_argument("file", type=place, help=".uff, .unv or .npz with FRFs")
+    parser.add_argument("--out", type=place, metavar="MODES", help="the file to write: .csv, or .uff with datasets 55")
     overwriting(parser, "another file of that name")
     parser.add_argument("--lowest", type=number, metavar="HZ", help="end of the band (default: the measurement's)")
     parser.add_argument("--highest", type=number, metavar="HZ", help="the other end")
@@ -135,7 +136,7 @@ def _modes_arguments(parser: ArgumentParser) -> None:
         "--order", type=int, default=40, help="modes at most that the fitted polynomials can hold (default: 40)"
     )
     parser.add_argument(
-        "--nodes", type=Path, metavar="CSV", help="table node, x, y[, z] of the places [m, or as its head says]"
+        "--nodes", type=place, metavar="CSV", help="table node, x, y[, z] of the places [m, or as its head says]"
     )
 
 

@@ -1,13 +1,12 @@
 """Verbs that take a config, or the runs of one."""
 
-from pathlib import Path
 from typing import Final
 
-from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, number, overwriting
+from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, number, overwriting, place
 
 
 def _config(parser: ArgumentParser, help: str = "YAML file") -> None:
-    parser.add_argument("config", type=Path, help=help)
+    parser.add_argument("config", type=place, help=help)
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="override a value of the config"
     )
@@ -24,7 +23,7 @@ def _device(parser: ArgumentParser) -> None:
 def _folder(parser: ArgumentParser, what: str, resume: str) -> None:
     """A config that ends in a folder, which may hold an earlier one."""
     _config(parser)
-    parser.add_argument("--out", type=Path, help="the folder (default: runs/<config name>/<time>)")
+    parser.add_argument("--out", type=place, help="the folder (default: runs/<config name>/<time>)")
     _device(parser)
     parser.add_argument("--resume", action="store_true", help=f"{resume}, in --out or in the latest folder")
     overwriting(parser, f"what an earlier {what} has left in --out")
@@ -51,7 +50,7 @@ def _run(parsed: Parsed) -> None:
 def _diagnose_arguments(parser: ArgumentParser) -> None:
     _folder(parser, "diagnosis", "go on with one that was stopped")
     parser.add_argument(
-        "--since", type=Path, metavar="REFERENCE", help="the config of an earlier test of the plate: say what changed"
+        "--since", type=place, metavar="REFERENCE", help="the config of an earlier test of the plate: say what changed"
     )
 
 
@@ -78,8 +77,8 @@ def _plan_arguments(parser: ArgumentParser) -> None:
     from torchplate.planning import KINDS
 
     _config(parser)
-    parser.add_argument("--from", type=Path, dest="source", metavar="DIR", help="folder of its diagnosis")
-    parser.add_argument("--out", type=Path, help="the folder (default: that of the diagnosis)")
+    parser.add_argument("--from", type=place, dest="source", metavar="DIR", help="folder of its diagnosis")
+    parser.add_argument("--out", type=place, help="the folder (default: that of the diagnosis)")
     parser.add_argument("--can", nargs="+", choices=list(KINDS), help="what the lab can do (default: all of it)")
     parser.add_argument(
         "--masses", type=number, nargs="+", default=[], metavar="KG", help="pieces that there are [kg]; else proposed"
@@ -102,9 +101,9 @@ def _plan(parsed: Parsed) -> None:
 
 def _compare_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
-        "runs", type=Path, nargs="+", metavar="RUN_DIR", help="folders of finished runs, or a folder above such"
+        "runs", type=place, nargs="+", metavar="RUN_DIR", help="folders of finished runs, or a folder above such"
     )
-    parser.add_argument("--out", type=Path, help="where the comparison goes (default: the folder above the runs)")
+    parser.add_argument("--out", type=place, help="where the comparison goes (default: the folder above the runs)")
     overwriting(parser, "a comparison of other runs")
 
 
@@ -116,7 +115,7 @@ def _compare(parsed: Parsed) -> None:
 
 def _simulate_arguments(parser: ArgumentParser) -> None:
     _config(parser, "YAML file; numbers only")
-    parser.add_argument("--out", type=Path, required=True, help="the file to write: .uff or .npz")
+    parser.add_argument("--out", type=place, required=True, help="the file to write: .uff or .npz")
     overwriting(parser, "another file of that name")
 
 

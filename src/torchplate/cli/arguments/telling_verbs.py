@@ -1,9 +1,8 @@
 """Verbs that take nothing, and tell what there is and how fast it is."""
 
-from pathlib import Path
 from typing import Final
 
-from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, overwriting
+from torchplate.cli.arguments.verb import ArgumentParser, Parsed, Verb, overwriting, place
 
 
 def _keys_arguments(parser: ArgumentParser) -> None:
@@ -29,7 +28,7 @@ def _effects(parsed: Parsed) -> None:
 def _bench_arguments(parser: ArgumentParser) -> None:
     from torchplate.cli.verbs.bench import PARTS
 
-    parser.add_argument("--out", type=Path, help="folder of bench.json (default: runs/bench)")
+    parser.add_argument("--out", type=place, help="folder of bench.json (default: runs/bench)")
     overwriting(parser, "the same parts in --out; those in runs/bench are always timed anew")
     parser.add_argument(
         "--part", action="append", default=[], choices=list(PARTS), help="only this part (may be repeated)"

@@ -4,6 +4,7 @@ import argparse
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 ArgumentParser = argparse.ArgumentParser
 Parsed = argparse.Namespace
@@ -21,6 +22,13 @@ def number(text: str) -> float:
     if not math.isfinite(found):
         raise argparse.ArgumentTypeError(f"expected a finite number, got '{text}'")
     return found
+
+
+def place(text: str) -> Path:
+    """A file or a folder on the command line; no text, as of a variable that is empty, is not the folder here."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("expected a file or a folder, got no text. Name one, . for the one here")
+    return Path(text)
 
 
 def overwriting(parser: ArgumentParser, what: str, *, force_is_a_channel: bool = False) -> None:

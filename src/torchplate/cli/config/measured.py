@@ -80,7 +80,7 @@ class Measured(Recipe):
             raise self.error("measurement.file", f"Expected a file, found none at {shown}.{action}")
         if path.is_dir():
             raise self.error(
-                "measurement.file", f"Expected a file, got the folder {path}. Name a .uff or .npz file in it."
+                "measurement.file", f"Expected a file, got the folder '{path}'. Name a .uff or .npz file in it."
             )
         frame = self.told("measurement.frame", lambda: Frame(**(settings.frame or FrameConfig()).model_dump()))
         frfs = self.told("measurement.file", lambda: read_measurement(path, settings.kind, frame.normal))

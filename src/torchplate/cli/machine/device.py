@@ -17,6 +17,10 @@ def device_named(name: str) -> torch.device:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError) as error:
         reason = str(error).splitlines()[0]
+        if "at start of device string" in reason:
+            raise InputError(
+                f"--device {name}: Expected a device that torch knows, got none of its. Use cpu, or cuda for a GPU."
+            ) from None
         raise InputError(
             f"--device {name}: Expected a device that torch can use, got none ({reason}). Use cpu."
         ) from None

@@ -2,7 +2,6 @@
 
 import json
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -56,7 +55,7 @@ def written(recipe: Run, end: Identified, folder: Path, console: Console) -> Fou
         f"torchplate run {shlex.quote(str(recipe.path))}",
     )
     write_files(folder, told)
-    say(console, folder, result, end.result.caveats)
+    say(console, folder, result, end.result)
     return Found(folder, result, end.result.caveats)
 
 
@@ -102,7 +101,7 @@ def content(recipe: Run, result: Result) -> dict[str, Any]:
     return result.to_dict() | {"search": recipe.config.search.model_dump(mode="json")}
 
 
-def say(console: Console, folder: Path, result: dict[str, Any], sentences: Sequence[str]) -> None:
+def say(console: Console, folder: Path, result: dict[str, Any], found: Result) -> None:
     """Print what result.json holds, what must be known of it, and where it lies."""
     if result["parameters"]:
         table = plain_table("parameter", "value", "standard error", "unit", "")
@@ -118,9 +117,11 @@ def say(console: Console, folder: Path, result: dict[str, Any], sentences: Seque
             hertzs = f"{pair['measured_hz']:.2f}", f"{pair['model_hz']:.2f}"
             table.add_row(str(pair["mode"]), *hertzs, f"{pair['mac']:.3f}")
         console.print(table)
+    for sentence in found.misread:  # before a fit that they explain
+        console.print(f"  [yellow]Note:[/] {escape(sentence)}")
     console.print(f"  {result['objective_kind']} {result['objective']:.6g}. {result['fit']}")
     console.print(f"  {result['optimizer']}: {result['status']}" if result["parameters"] else f"  {result['status']}")
-    for sentence in sentences:
+    for sentence in found.caveats[len(found.misread) :]:
         console.print(f"  [yellow]Note:[/] {escape(sentence)}")
     console.print(f"  Results: {folder}", markup=False, soft_wrap=True)
 

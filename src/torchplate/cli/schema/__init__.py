@@ -3,7 +3,8 @@
 The only files that import pydantic. The reference of the documentation, `torchplate keys` and the sentences about
 unknown keys all follow from the models here. `config` reads the file.
 
-- `key`: how a key is declared; `numbers`: a number or an interval; `quantity`: either as it is written.
+- `key`: how a key is declared; `numbers`: a number or an interval; `quantity`: either as it is written;
+  `truth`: no truth value is a number.
 - `measured`: the section `measurement`, and the states of a plate; `whole`: all others, and the config of them.
 - `validation`: from a mapping to a checked config; `complaint`: what is wrong with one, in a sentence.
 """

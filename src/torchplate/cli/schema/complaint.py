@@ -19,7 +19,7 @@ SHAPES: Final = dict.fromkeys(("tuple_type", "list_type", "sequence_str", "too_s
 )
 VALUES: Final = dict.fromkeys(("float_parsing", "float_type"), "a number alone, in SI units and without the unit") | (
     dict.fromkeys(("int_parsing", "int_type", "int_from_float"), "a whole number")
-    | {"path_type": "the path of one file"}
+    | {"path_type": "the path of one file", "string_type": "a text"}
 )
 # Words of other programs for those of a config.
 SYNONYMS: Final = {
@@ -93,7 +93,8 @@ def first_complaint(error: ValidationError, root: type[BaseModel] | None = None,
         # A list that is too short: what is wrong is the list, not the value that it lacks.
         kind = "tuple_type"
         places.pop()
-    where = [str(part) for part in places]
+    as_key = bool(places) and places[-1] == "[key]"
+    where = [str(part) for part in places[: len(places) - as_key]]
     key = ".".join(where) or "config"
     if kind == "extra_forbidden":
         if deeper := stands_elsewhere(root, where[-1], of_section=len(where) == 1):
@@ -106,6 +107,9 @@ def first_complaint(error: ValidationError, root: type[BaseModel] | None = None,
         remedy = f"Write {where[-1]}: {example}, say" if example else "Correct it"
         most = first.get("ctx", {}).get("max_length") if kind == "too_long" else None
         return key, f"Expected {SHAPES[kind]}{f' of {most}' if most else ''}, got {shown(given)}. {remedy}."
+    if as_key and kind in VALUES:
+        quotes = f" Write '{where[-1]}', in quotes." if kind == "string_type" else " Correct it."
+        return key, f"Expected {VALUES[kind].split(',')[0]} before the colon, got {shown(given)}.{quotes}"
     if kind in VALUES:
         return key, f"Expected {VALUES[kind]}, got {shown(given)}. Correct it."
     message = str(first["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")

@@ -2,10 +2,23 @@
 
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from torchplate.cli.schema.truth import check_number
 
 
-class Strict(BaseModel):
+class Numbers(BaseModel):
+    """A section in which no truth value counts as a number."""
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_value(cls, value: Any, info: Any) -> Any:  # beartype cannot check pydantic's protocol
+        if info.field_name is not None:
+            check_number(cls.model_fields[info.field_name].annotation, value)
+        return value
+
+
+class Strict(Numbers):
     """A section that has no other keys than its own, and no number that is none."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

@@ -8,6 +8,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from torchplate.cli.schema.complaint import first_complaint, shown
 from torchplate.cli.schema.numbers import Known, Unknown
+from torchplate.cli.schema.truth import check_number
 
 
 def quantity(value: Any) -> Known | Unknown:
@@ -58,8 +59,10 @@ def typed(owner: type, name: str, value: Any) -> Any:
     Raises:
         ValueError: if it is of another kind, saying what was expected and what came.
     """
+    kind = get_type_hints(owner)[name]
+    check_number(kind, value)
     try:
-        return _frozen(TypeAdapter(get_type_hints(owner)[name]).validate_python(value))
+        return _frozen(TypeAdapter(kind).validate_python(value))
     except ValidationError as error:
         raise ValueError(first_complaint(error)[1]) from None
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, field_validator
+from pydantic import ConfigDict, field_validator
 
-from torchplate.cli.schema.key import Strict, key
+from torchplate.cli.schema.key import Numbers, Strict, key
 from torchplate.cli.schema.measured import STATE_KEYS, MeasurementConfig
 from torchplate.cli.schema.numbers import Known, Unknown
 from torchplate.cli.schema.quantity import quantity
@@ -52,7 +52,7 @@ class ObjectiveConfig(Strict):
     )
 
 
-class SearchConfig(BaseModel):
+class SearchConfig(Numbers):
     """The optimiser and when it stops. Its own settings stand beside these keys; see below."""
 
     model_config = ConfigDict(extra="allow", frozen=True)

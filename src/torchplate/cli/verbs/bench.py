@@ -21,6 +21,7 @@ from rich.console import Console
 from torchplate.bench import air, generation, gradient, identification, memory, slopes
 from torchplate.cli.config import InputError
 from torchplate.cli.folder.writing import whole, would_be_lost, write_text
+from torchplate.cli.progress.console import speaking
 from torchplate.cli.results.table import plain_table
 from torchplate.notation import percent
 
@@ -48,7 +49,7 @@ def bench(
     Raises:
         InputError: if it holds one of them.
     """
-    console, named, out = console or Console(), out is not None, out or Path("runs/bench")
+    console, named, out = console or speaking(), out is not None, out or Path("runs/bench")
     out.mkdir(parents=True, exist_ok=True)
     n_core = os.cpu_count() or 1
     path = out / "bench.json"

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from torchplate.cli.config import InputError
 from torchplate.cli.folder.writing import check_kept, write_files
+from torchplate.cli.progress.console import speaking
 from torchplate.cli.results.finished import RESULT, Finished, by_plate, differences, finished_below, read_finished
 from torchplate.cli.results.gathered import gathered
 from torchplate.cli.results.table import plain_table
@@ -39,7 +40,7 @@ def compare(
         InputError: if a folder holds no finished search, runs that are named are of different plates, or another
             comparison is where this one goes.
     """
-    console = console or Console()
+    console = console or speaking()
     runs: dict[Path, Finished] = {}
     is_swept = False
     for folder in map(Path, folders):

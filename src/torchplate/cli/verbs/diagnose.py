@@ -19,6 +19,7 @@ from torchplate.cli.folder.opening import DESCENTS, HYPOTHESES, check_free, diag
 from torchplate.cli.folder.writing import write_files, write_text
 from torchplate.cli.machine.allocator import keep_freed_memory
 from torchplate.cli.machine.device import device_named, on_cpu_alone
+from torchplate.cli.progress.console import speaking
 from torchplate.cli.results.table import plain_table
 from torchplate.cli.verbs.diagnose_change import diagnose_change
 from torchplate.diagnosis import FIRST_REFIT, Diagnosis
@@ -75,7 +76,7 @@ def diagnose(
         InputError: if the config, the measurement, the device or the folder cannot be used, or there is nothing to
             resume.
     """
-    console = console or Console()
+    console = console or speaking()
     keep_freed_memory()
     recipe = load_run(config, overrides)
     device_named(device)

@@ -7,6 +7,7 @@ from rich.padding import Padding
 from rich.table import Table
 
 from torchplate.cli.config import InputError
+from torchplate.cli.progress.console import speaking
 from torchplate.effects import CATALOGUE, find_effect, options
 
 
@@ -20,14 +21,14 @@ def effects(names: Sequence[str] = (), console: Console | None = None) -> None:
     Raises:
         InputError: if the catalogue holds no effect of a name.
     """
-    console = console or Console()
+    console = console or speaking()
     try:
         chosen = [find_effect(name) for name in names] or list(CATALOGUE.values())
     except KeyError as error:
         raise InputError(str(error.args[0])) from None
     for effect in chosen:
         console.print(f"[bold]{effect.name}[/]  acts on {', '.join(sorted(effect.acts_on))}")
-        console.print(Padding(effect.shows, (0, 0, 0, 2)))
+        console.print(Padding(effect.shows, (0, 0, 0, 2), expand=False))
         table = Table(box=None, show_header=False, padding=(0, 2))
         for wrapped in (False, False, False, True, True):
             table.add_column(no_wrap=not wrapped)

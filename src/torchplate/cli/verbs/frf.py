@@ -11,6 +11,7 @@ from rich.console import Console
 
 from torchplate.cli.config import InputError
 from torchplate.cli.folder.writing import asked_for
+from torchplate.cli.progress.console import speaking
 from torchplate.measurement import (
     UFF_SUFFIX,
     Cutting,
@@ -67,7 +68,7 @@ def frf(records: Sequence[Path], out: Path, told: Conversion, console: Console |
         InputError: Something that was told cannot be, or `out` holds something else.
         MeasurementError: A file cannot be used.
     """
-    console = console or Console()
+    console = console or speaking()
     if out.suffix.lower() not in (*UFF_SUFFIX, ".npz"):
         raise InputError(f"--out {out}: Expected a name that ends in .uff or .npz, got '{out.suffix}'. Rename it.")
     if len(records) > 1 and told.references and len(told.references) not in (1, len(records)):
@@ -131,8 +132,27 @@ def _named_table(
             "--response 3 --reference 28 102, say."
         )
     measurement = _written(frfs_of_tables(records, tables, told.layout, references), out, told)
-    _say(measurement, f"{n_frf} ({measurement.kind}) from {records[0]}", out, console)
+    unused = ", ".join(_of_hits(told))
+    remarks = [f"{unused}: left aside, as the file holds FRFs and no time records."] if unused else []
+    _say(measurement, f"{n_frf} ({measurement.kind}) from {records[0]}", out, console, remarks)
     return measurement
+
+
+def _of_hits(told: Conversion) -> list[str]:
+    """The options that were given and that FRFs have no use for."""
+    usual = Cutting()
+    given = {
+        "--rate": told.layout.rate is not None,
+        "--force": told.layout.force is not None,
+        "--estimator": told.estimator != "H1",
+        "--trigger": told.cutting.trigger != usual.trigger,
+        "--pre-trigger": told.cutting.pre_trigger != usual.pre_trigger,
+        "--duration": told.cutting.duration is not None,
+        "--keep-all": told.cutting.double_hit is None,
+        "--force-window": told.windows.force is not None,
+        "--exponential-window": told.windows.exponential is not None,
+    }
+    return [option for option, is_given in given.items() if is_given]
 
 
 def _check_told(records: Sequence[Path], told: Conversion) -> None:
@@ -146,6 +166,12 @@ def _check_told(records: Sequence[Path], told: Conversion) -> None:
         raise InputError(
             f"{twice[0]}: Expected each file once, got it twice: its hits would be averaged with themselves. Leave one "
             "out, or name the file that was meant."
+        )
+    twice_there = [node for node, number in Counter(told.layout.responses).items() if number > 1]
+    if twice_there:
+        raise InputError(
+            f"--response: Expected a node of its own for each response, got {twice_there[0]} twice: of two sensors at "
+            "one node only one would be left. Correct it, or leave one channel out of the file."
         )
     for option, nodes in (("--response", told.layout.responses), ("--reference", told.references)):
         if nodes and min(nodes) < 1:

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from torchplate.cli.folder.writing import asked_for
+from torchplate.cli.progress.console import speaking
 from torchplate.cli.results.table import plain_table
 from torchplate.measurement import (
     RECORD_SUFFIX,
@@ -54,7 +55,7 @@ def inspect(path: Path, out: Path | None = None, console: Console | None = None,
         MeasurementError: The file cannot be used.
         InputError: `out` holds another figure of that name.
     """
-    console = console or Console()
+    console = console or speaking()
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix == ".csv" and is_modal_table(path):
@@ -135,7 +136,9 @@ def _holds_frfs(path: Path) -> bool:
 def _frf_table(table: FrfTable, path: Path) -> Table:
     found = plain_table("", "", title=f"{path}: FRFs")
     lines = table.frequency
-    found.add_row("holds", f"{counted(table.n_frf, 'FRF')} of {len(lines)} lines, {lines[0]:g} to {lines[-1]:g} Hz")
+    found.add_row(
+        "holds", f"{counted(table.n_frf, 'FRF')} of {counted(len(lines), 'line')}, {lines[0]:g} to {lines[-1]:g} Hz"
+    )
     found.add_row("unit", escape(table.unit or "none is stated"))
     for note in table.notes:
         found.add_row("note", escape(note))

@@ -14,6 +14,7 @@ from rich.padding import Padding
 
 from torchplate.cli.config import InputError
 from torchplate.cli.config.searches import SEARCHES
+from torchplate.cli.progress.console import speaking
 from torchplate.cli.schema import Config, Known, StateConfig, Unknown, model_in
 from torchplate.discrepancy import OBJECTIVES
 from torchplate.measurement import ANALYSERS, Analyser, Hammer
@@ -213,7 +214,7 @@ def keys(chosen: Sequence[str] = (), console: Console | None = None) -> None:
     Raises:
         InputError: if there is no such section.
     """
-    console, every = console or Console(), sections()
+    console, every = console or speaking(), sections()
     for name in chosen:
         if name not in every:
             raise InputError(
@@ -227,7 +228,7 @@ def keys(chosen: Sequence[str] = (), console: Console | None = None) -> None:
             unit = "" if key.unit == "-" else f" [{key.unit}]"
             default = key.default if key.default == REQUIRED else f"default {key.default}"
             console.print(f"  [bold]{key.name}[/]{escape(unit)}, {escape(default)}: {escape(key.kind)}")
-            console.print(Padding(escape(f"{key.meaning}. Example: {key.example}"), (0, 0, 0, 6)))
+            console.print(Padding(escape(f"{key.meaning}. Example: {key.example}"), (0, 0, 0, 6), expand=False))
         for choice, meaning in section.choices.items():
-            console.print(Padding(f"[bold]{choice}[/]: {escape(meaning)}", (0, 0, 0, 2)))
+            console.print(Padding(f"[bold]{choice}[/]: {escape(meaning)}", (0, 0, 0, 2), expand=False))
         console.print()

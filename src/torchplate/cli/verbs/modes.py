@@ -8,6 +8,7 @@ from rich.console import Console
 
 from torchplate.cli.config import InputError
 from torchplate.cli.folder.writing import asked_for
+from torchplate.cli.progress.console import speaking
 from torchplate.cli.results.table import plain_table
 from torchplate.discrepancy import mac
 from torchplate.measurement import (
@@ -55,7 +56,7 @@ def modes(
         InputError: `out` has another suffix or holds something else, or the order is too low.
         MeasurementError: The FRFs cannot be used, or the package for it is not there.
     """
-    console = console or Console()
+    console = console or speaking()
     if out is not None and out.suffix.lower() not in MODAL_SUFFIX:
         raise InputError(f"--out {out}: Expected a name that ends in .csv or .uff, got '{out.suffix}'. Rename it.")
     if order < 4:

@@ -10,6 +10,7 @@ from rich.console import Console
 from torchplate.cli.config import InputError
 from torchplate.cli.config.build import load_run
 from torchplate.cli.folder.writing import asked_for
+from torchplate.cli.progress.console import speaking
 from torchplate.cli.verbs.new_draft import Draft, Wishes, check_sizes, drafted
 from torchplate.cli.verbs.new_text import compose
 from torchplate.measurement import METRES
@@ -31,7 +32,7 @@ def new(
         InputError: Something that was told cannot be.
         MeasurementError: The file cannot be used.
     """
-    console = console or Console()
+    console = console or speaking()
     file, out = Path(file), Path(out or f"{Path(file).stem}.yaml")
     if file.suffix.lower() in (".yaml", ".yml"):
         raise InputError(

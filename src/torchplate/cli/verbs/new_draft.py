@@ -292,6 +292,10 @@ def _supports(draft: Draft) -> tuple[tuple[float, float], ...] | None:
         return ()
     if given == ("springs",):
         return ((0.1, 0.0), (0.9, 0.0), (0.1, 1.0), (0.9, 1.0))
+    if (alone := next((word for word in ("free", "springs") if word in given), None)) is not None:
+        raise InputError(
+            f"--supports: Expected {alone} alone, got {' '.join(given)}. Leave the others out, or give places x,y."
+        )
     places = []
     sides = draft.proposal.length_x, draft.proposal.length_y
     for text in given:

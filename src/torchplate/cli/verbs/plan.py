@@ -15,6 +15,7 @@ from torchplate.cli.folder.occupied import occupied
 from torchplate.cli.folder.opening import HYPOTHESES, check_free, diagnosis_folder, has_ended, relocated
 from torchplate.cli.folder.writing import write_text
 from torchplate.cli.machine.device import device_named
+from torchplate.cli.progress.console import speaking
 from torchplate.cli.results.table import plain_table
 from torchplate.cli.verbs.diagnose import diagnose
 from torchplate.cli.verbs.plan_text import compose, in_words
@@ -52,7 +53,7 @@ def plan(
     Raises:
         InputError: if config, diagnosis or folder cannot be used, or nothing is left to be told apart.
     """
-    console = console or Console()
+    console = console or speaking()
     recipe = load_run(config, overrides)
     folder = source or _latest(recipe)
     where = out or folder

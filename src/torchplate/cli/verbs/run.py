@@ -19,6 +19,7 @@ from torchplate.cli.machine.allocator import keep_freed_memory
 from torchplate.cli.machine.device import device_named
 from torchplate.cli.machine.ranks import Ranks, Shared
 from torchplate.cli.progress.bar import shown
+from torchplate.cli.progress.console import speaking
 from torchplate.cli.progress.layout import problem_named
 from torchplate.cli.progress.log import RunLog
 from torchplate.cli.results.found import Found, described, logged, say, settings_of, written, written_of_numbers
@@ -54,7 +55,7 @@ def run(
         InputError: if the config, the measurement, the device or the folder cannot be used, or there is nothing to
             resume.
     """
-    console = console or Console()
+    console = console or speaking()
     keep_freed_memory()
     recipe = load_run(path, overrides)
     optimizer = recipe.optimizer()  # so that a wrong setting is said before anything is written
@@ -121,7 +122,7 @@ def _run_states(
         if log is not None:
             log.close()
     result = json.loads((folder / "result.json").read_text())
-    say(console, folder, result, found.result.caveats)
+    say(console, folder, result, found.result)
     return Found(folder, result, found.result.caveats, remarks)
 
 

@@ -8,6 +8,7 @@ from rich.console import Console
 from torchplate.cli.config import InputError
 from torchplate.cli.config.build import Run, load_run
 from torchplate.cli.folder.writing import asked_for
+from torchplate.cli.progress.console import speaking
 from torchplate.measurement import ANALYSERS, FRF_SUFFIX, Analyser, Hammer, Measurement, write_uff
 from torchplate.measurement import simulate as hit
 from torchplate.model import PlateModel
@@ -40,7 +41,7 @@ def simulate(
     Raises:
         InputError: if the config holds an interval, something in it cannot be used, or `out` holds something else.
     """
-    console = console or Console()
+    console = console or speaking()
     out = Path(out)
     if out.suffix not in FRF_SUFFIX:
         raise InputError(
