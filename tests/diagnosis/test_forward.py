@@ -455,7 +455,7 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
         # Little is left: a third may be all that is missing.
         (5.0, True, 10**5, False),
         # Beside an inflated error squares say nothing of how much is left.
-        (1.0, False, 10**5, True),
+        (500.0, False, 10**5, False),
     ],
 )
 def test_a_third_effect_is_not_looked_for_where_two_leave_far_more_than_noise_and_much_was_tried(

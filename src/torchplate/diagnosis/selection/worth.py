@@ -8,8 +8,8 @@ from torchplate.diagnosis.settings import Selecting
 
 def tried_enough(state: State, n_evaluation: int, settings: Selecting) -> bool:
     """Whether two effects leave far more than noise and so much was evaluated that a third is not looked for."""
-    little = state.fit.by_noise and state.fit.reduced_misfit <= settings.doubtful
-    return not little and n_evaluation > settings.enough
+    far = state.fit.by_noise and state.fit.reduced_misfit > settings.doubtful
+    return far and n_evaluation > settings.enough
 
 
 def explains_some(before: Fit, hypothesis: Hypothesis, settings: Selecting, by_cost: bool = False) -> bool:
