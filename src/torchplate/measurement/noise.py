@@ -160,7 +160,8 @@ def _from_smoothness(
     if len(frf) < LEAST_LINE:
         share = line_noise(measurement)[measurement.measured][alive].to(frf.real)
         level = share * frf.abs().median(dim=0).values
-        said = f"The noise is an upper bound from the neighbours of each line, of {counted(len(frf), 'line')} alone."
+        few = f"{counted(len(frf), 'line')} {'is' if len(frf) == 1 else 'are'} too few for more"
+        said = f"The noise is an upper bound from the neighbours of each line: {few}."
         crude = (0.5 * level.square()).expand(len(frf), -1)
         return _Scatter(
             crude,
