@@ -161,29 +161,32 @@ class Exchange:
         if worst is None or explained or sure[id(worst)] >= state.fit.comparison.beyond:
             return state
         self.say(f"{worst.hypothesis.name} takes nothing off the gap in the end: it is no name")
-        model = without_candidate(state.model, worst.hypothesis.label, worst.hypothesis.candidate)
-        kept = [state.model.names.index(name) for name in model.names]
-        # What an interval was widened for may lie outside of it.
-        start = model.space.to_cube(state.fit.theta[kept])[None].clamp(0.0, 1.0)
-        found = fit(builder, model, start, self.prior, wide=False, about=known_section(state.fit))
-        rest = tuple(one for one in state.named if one is not worst)
-        return self.without_improbable(State(model, found, rest), builder)
+        return self.without_improbable(self._fitted_without(state, worst, builder), builder)
 
     def without_needless(self, state: State, builder: ModelBuilder, doubted: Sequence[Naming]) -> State:
         """Take out again those of the doubted effects that the other ones made needless."""
         for naming in doubted:
-            label = naming.hypothesis.label
-            model = without_candidate(state.model, label, naming.hypothesis.candidate)
-            kept = [state.model.names.index(name) for name in model.names]
-            # What an interval was widened for may lie outside of it.
-            start = model.space.to_cube(state.fit.theta[kept])[None].clamp(0.0, 1.0)
             # What leaves so much without it needs it, wherever it ends.
-            limit, about = builder.target.settings.searching.hopeless * state.fit.square, known_section(state.fit)
-            found: Fit = fit(builder, model, start, self.prior, wide=False, hopeless=limit, about=about)
+            limit = builder.target.settings.searching.hopeless * state.fit.square
+            without = self._fitted_without(state, naming, builder, limit)
             back = replace(naming.hypothesis, fit=state.fit)
-            if not is_needed(found, back, naming.by_chance):
+            if not is_needed(without.fit, back, naming.by_chance):
                 self.say(f"{naming.hypothesis.name} is no longer needed")
-                rest = tuple(one for one in state.named if one is not naming)
-                still = [one for one in doubted if one is not naming]
-                return self.without_needless(State(model, found, rest), builder, still)
+                return self.without_needless(without, builder, [one for one in doubted if one is not naming])
         return state
+
+    def _fitted_without(self, state: State, naming: Naming, builder: ModelBuilder, hopeless: float = math.inf) -> State:
+        """Fitted without one of its names, from where the rest was.
+
+        Args:
+            state: with it.
+            naming: it.
+            builder: on whose mesh.
+            hopeless: sum of squares beyond which it need not come to its end.
+        """
+        without = self._without(state, naming)
+        # What an interval was widened for may lie outside of it.
+        start = without.model.space.to_cube(without.fit.theta)[None].clamp(0.0, 1.0)
+        about = known_section(state.fit)
+        found = fit(builder, without.model, start, self.prior, wide=False, hopeless=hopeless, about=about)
+        return State(without.model, found, tuple(one for one in state.named if one is not naming))
