@@ -254,6 +254,9 @@ MISTAKES = {
         REFUSED, ["effects.plate.thickness", "0,0031", "decimal point"], {"effects.plate.thickness": "0,0031"}
     ),
     "setting of another search": Mistake(REFUSED, ["search.limit", "There are: strategy"], {"search.limit": 20}),
+    "two configs in one file": Mistake(
+        REFUSED, ["Expected one config", "line 2", "a file of its own"], text=lambda _: "mesh: {}\n---\nmesh: {}\n"
+    ),
     "tab": Mistake(REFUSED, ["line 2", "tab", "blanks"], text=lambda _: "mesh:\n\tlength_x: 0.4\n"),
     "band that is no list": Mistake(
         REFUSED, ["measurement.band", "a list", "'30-400'", "[5.0, 400.0]"], {"measurement.band": "30-400"}
@@ -567,7 +570,7 @@ def test_a_name_in_other_bytes_than_utf_8_is_said(bench, make_config, command, m
 
 
 def test_there_are_eight_dozen_of_them():
-    assert len(MISTAKES) >= 114
+    assert len(MISTAKES) >= 115
 
 
 @pytest.mark.parametrize(

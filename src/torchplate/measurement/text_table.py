@@ -8,6 +8,9 @@ from typing import Final
 _MARKS: Final = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 _GERMAN: Final = re.compile(r"[-+]?\d*,\d+([eEdD][-+]?\d+)?")
 """A number with a decimal comma."""
+_GROUPED: Final = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?([eEdD][-+]?\d+)?")
+"""A number whose thousands stand apart by commas."""
+_POINTED: Final = re.compile(r"[-+]?[\d,]*\.\d*([eEdD][-+]?\d+)?")
 _NUMBER: Final = re.compile(r"[-+]?\d+([.,]\d*)?([eEdD][-+]?\d+)?|[-+]?[.,]\d+([eEdD][-+]?\d+)?")
 _FORTRAN: Final = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d)")
 _IMAGINARY: Final = re.compile(r"[iIJ](?=\)?$)")
@@ -34,7 +37,7 @@ def cells_of(line: str) -> list[str]:
     """The cells of a row, empty ones left out.
 
     Columns stand apart by semicolons or tabs, else by commas, else by blanks. A comma within a number is a decimal
-    point where something else parts the columns.
+    point, unless commas part the columns and another number of the row has a point: then it parts thousands.
 
     Raises:
         ValueError: A row that is no table's, such as one without an end.
@@ -47,7 +50,10 @@ def cells_of(line: str) -> list[str]:
             cells = next(csv.reader([line], delimiter=mark or ",", skipinitialspace=True), [])
         except csv.Error as error:
             raise ValueError(f"a row that does not part: {error}") from error
-    return [with_point(text) for cell in cells if (text := cell.strip())]
+    found = [text for cell in cells if (text := cell.strip())]
+    if mark is None and any(_POINTED.fullmatch(cell) for cell in found):
+        found = [cell.replace(",", "") if _GROUPED.fullmatch(cell) else cell for cell in found]
+    return [with_point(cell) for cell in found]
 
 
 def with_point(text: str) -> str:

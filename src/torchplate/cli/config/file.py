@@ -132,6 +132,8 @@ def _unpaired(error: Exception, line: str, number: int) -> str:
             f"Expected YAML, whose keys are written `key: value`, got {began!r} in line {opened.line + 1}. Write a "
             "colon and a blank."
         )
+    if "expected a single document" in str(getattr(error, "context", "")):
+        return f"Expected one config, got a second one from line {number} on. Give each a file of its own."
     if "mapping values are not allowed" in problem:
         return (
             f"Expected YAML, got {line!r} in line {number}, which may not stand below the line before it. End that one "
@@ -232,7 +234,8 @@ def dump(raw: Mapping[str, Any]) -> str:
     return yaml.safe_dump(dict(raw), sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
 
 
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+|[-+]?(\d+\.\d*|\.\d+)[dD][-+]?\d+")
+"""A number as people write it; Fortran's D before an exponent, as in 2.1D11, is an E."""
 
 
 def _numbers(value: Any) -> Any:
@@ -241,7 +244,7 @@ def _numbers(value: Any) -> Any:
         return {key: _numbers(inner) for key, inner in value.items()}
     if isinstance(value, list):
         return [_numbers(inner) for inner in value]
-    return float(value) if isinstance(value, str) and _NUMBER.fullmatch(value) else value
+    return float(re.sub("[dD]", "e", value)) if isinstance(value, str) and _NUMBER.fullmatch(value) else value
 
 
 def _of_an_effect_that_is_there(raw: dict[str, Any], text: str, labels: Sequence[str]) -> None:
