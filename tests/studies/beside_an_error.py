@@ -72,7 +72,7 @@ def beside_an_inflated_error(test: PlateTest) -> tuple[ForwardSelection, State]:
     """The given model, weighed by what it leaves."""
     assert test.measurement is not None
     measurement, noise = test.measurement, noise_level(test.measurement, test.n_average)
-    if (step := line_step(measurement)) > 1:
+    if (step := line_step(measurement, noise)) > 1:
         measurement, noise = measurement.every(step), noise.every(step)
     none = torch.zeros_like(measurement.measured)
     target = FrfTarget(measurement, noise, none, test.gain_is_unknown, test.imperfections or Imperfections())

@@ -62,7 +62,7 @@ def plan(
     lab, imperfections = lab or Lab(), imperfections or Imperfections()
     doubt = min(doubts, key=lambda one: max(one.probability.values()))
     noise = noise_level(measurement, n_average)
-    if (step := line_step(measurement)) > 1:
+    if (step := line_step(measurement, noise)) > 1:
         measurement, noise = measurement.every(step), noise.every(step)
     nothing = torch.zeros_like(measurement.measured)
     target = FrfTarget(measurement, noise, nothing, gain_is_unknown, imperfections, settings)

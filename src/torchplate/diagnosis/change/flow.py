@@ -158,7 +158,7 @@ def target_of(test: PlateTest, seed: int) -> FrfTarget:
     measurement = test.measurement
     assert measurement is not None
     noise = noise_level(measurement, test.n_average)
-    if (step := line_step(measurement)) > 1:
+    if (step := line_step(measurement, noise)) > 1:
         measurement, noise = measurement.every(step), noise.every(step)
     return FrfTarget(measurement, noise, held_out(measurement.measured, seed), test.gain_is_unknown, test.imperfections)
 

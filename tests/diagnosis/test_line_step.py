@@ -1,0 +1,50 @@
+"""How many lines of a large test are looked at."""
+
+import pytest
+import torch
+
+from torchplate.diagnosis import SETTINGS, line_step
+from torchplate.measurement import Channel, Measurement, Noise
+from torchplate.measurement.resonances import Resonances
+
+
+def a_test(n_line: int, n_reference: int) -> Measurement:
+    frequency = torch.linspace(5, 400, n_line, dtype=torch.float64)
+    frf = torch.ones(n_line, 1, n_reference, dtype=torch.complex128)
+    measured = torch.ones(1, n_reference, dtype=torch.bool)
+    references = tuple(Channel(node) for node in range(2, 2 + n_reference))
+    return Measurement(frequency, frf, measured, (Channel(1),), references, "receptance", "m/N")
+
+
+def noise_of(test: Measurement, n_resonance: int | None) -> Noise:
+    std = 0.01 * test.frf.abs()
+    if n_resonance is None:
+        return Noise(std, 0.01, (), torch.zeros_like(std))
+    pole = torch.linspace(1e3, 1e5, n_resonance + 1, dtype=torch.float64).to(test.frf)
+    parts = test.frf.new_zeros(n_resonance + 1, *test.frf.shape[1:])
+    # The last of them is a line that stands out alone.
+    resonates = torch.arange(n_resonance + 1) < n_resonance
+    return Noise(std, 0.01, (), torch.zeros_like(std), Resonances(pole, parts, parts[:1], (5.0, 400.0), resonates))
+
+
+@pytest.mark.parametrize(
+    ("n_line", "n_reference", "n_resonance", "step"),
+    [
+        (300, 10, 12, 1),
+        (677, 15, 16, 3),
+        (3200, 6, 16, 4),
+        (3200, 121, 16, 20),
+        # Ten for each resonance are kept, and as many as forty need where none is known.
+        (677, 15, 30, 2),
+        (3200, 121, 60, 5),
+        (3200, 121, None, 8),
+        (3200, 121, 0, 8),
+    ],
+)
+def test_as_many_numbers_are_looked_at_as_any_test_counts(n_line, n_reference, n_resonance, step):
+    test = a_test(n_line, n_reference)
+    assert line_step(test, noise_of(test, n_resonance)) == step
+
+
+def test_no_test_counts_more_numbers():
+    assert SETTINGS.lines.most_numbers == pytest.approx(1 / SETTINGS.comparison.misspecified)
