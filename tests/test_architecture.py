@@ -25,8 +25,11 @@ MAY_USE |= {"studies": {*MAY_USE["cli"], "studies"}}
 NO_FRONT = {"cli"}
 # No rooms but one file each, which know nothing of any.
 NO_ROOM = {"nearest", "notation"}
-# The alcoves of the command line: each may use itself and those before it.
-ALCOVES = ("schema", "config", "machine", "folder", "progress", "results", "verbs", "arguments")
+# Alcoves of rooms: each may use itself and those before it.
+ALCOVES = {
+    "cli": ("schema", "config", "machine", "folder", "progress", "results", "verbs", "arguments"),
+    "measurement": ("formats", "modal", "uff", "points", "records", "assessment", "virtual"),
+}
 # What only one file, or one alcove, may import, and which.
 ONLY = {"yaml": "cli/config/file.py", "pydantic": "cli/schema/", "tensorboard": "cli/progress/log.py"}
 VAGUE = {"utils", "util", "misc", "helpers", "helper", "common", "core", "base", "manager"}
@@ -65,15 +68,17 @@ def test_the_arrows_point_one_way(path):
     assert used <= {*MAY_USE[room], *NO_ROOM}
 
 
-def test_every_alcove_of_the_command_line_has_its_place():
-    assert {path.name for path in ROOMS if path.parent == ROOT / "cli"} == {*ALCOVES}
+@pytest.mark.parametrize("room", ALCOVES)
+def test_every_alcove_has_its_place(room):
+    assert {path.name for path in ROOMS if path.parent == ROOT / room} == {*ALCOVES[room]}
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "cli").glob("*/*.py")), ids=name)
-def test_the_arrows_between_the_alcoves_of_the_command_line_point_one_way(path):
-    own = path.relative_to(ROOT).parts[1]
-    used = {module.split(".")[2] for module in imports(path) if module.startswith("torchplate.cli.")}
-    assert used <= {*ALCOVES[: ALCOVES.index(own) + 1]}
+@pytest.mark.parametrize("path", sorted(path for room in ALCOVES for path in (ROOT / room).glob("*/*.py")), ids=name)
+def test_the_arrows_between_alcoves_point_one_way(path):
+    room, own = path.relative_to(ROOT).parts[:2]
+    reached = [module.split(".") for module in imports(path) if module.startswith(f"torchplate.{room}.")]
+    used = {parts[2] for parts in reached} & {*ALCOVES[room]}
+    assert used <= {*ALCOVES[room][: ALCOVES[room].index(own) + 1]}
 
 
 @functools.cache

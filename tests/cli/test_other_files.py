@@ -7,7 +7,7 @@ import pytest
 import scipy.io
 
 from torchplate.measurement import read_measurement
-from torchplate.measurement.record_tables import READERS
+from torchplate.measurement.records.tables import READERS
 
 
 def _mat(path: Path) -> None:

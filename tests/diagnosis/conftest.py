@@ -20,7 +20,7 @@ from torchplate.diagnosis.selection.trace import State
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE, Effect
 from torchplate.measurement import Channel, Measurement
-from torchplate.measurement.noise import Noise
+from torchplate.measurement.assessment.noise import Noise
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 

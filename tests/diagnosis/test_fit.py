@@ -10,7 +10,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Problem
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
-from torchplate.measurement.noise import Noise
+from torchplate.measurement.assessment.noise import Noise
 from torchplate.model import PlateModel, Searched
 from torchplate.model.extrapolation import extrapolate
 from torchplate.plate import Mesh

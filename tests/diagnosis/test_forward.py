@@ -26,7 +26,7 @@ from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.measurement import PERFECT, NaturalFrequencies
-from torchplate.measurement.noise import Noise
+from torchplate.measurement.assessment.noise import Noise
 from torchplate.model import PlateModel, Searched, extrapolate
 from torchplate.plate import Local, Mesh
 

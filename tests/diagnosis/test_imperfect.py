@@ -14,7 +14,7 @@ from torchplate.diagnosis.selection.starts import beside_what_was_told
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT, Imperfections
-from torchplate.measurement.noise import noise_level
+from torchplate.measurement.assessment.noise import noise_level
 from torchplate.model import PlateModel, Searched, extrapolate
 from torchplate.plate import Mesh
 

@@ -20,7 +20,7 @@ from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import Found, Marginal, n_terms
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import Imperfections
-from torchplate.measurement.noise import Noise, noise_level
+from torchplate.measurement.assessment.noise import Noise, noise_level
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 

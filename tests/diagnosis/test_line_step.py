@@ -5,7 +5,7 @@ import torch
 
 from torchplate.diagnosis import SETTINGS, line_step
 from torchplate.measurement import Channel, Measurement, Noise
-from torchplate.measurement.resonances import Resonances
+from torchplate.measurement.assessment.resonances import Resonances
 
 
 def a_test(n_line: int, n_reference: int) -> Measurement:

@@ -8,7 +8,7 @@ from torchplate.diagnosis.localisation.factor import Factor
 from torchplate.diagnosis.localisation.localise import localise, missing_force
 from torchplate.diagnosis.localisation.sentences import of_kind
 from torchplate.effects import CATALOGUE
-from torchplate.measurement.noise import noise_level
+from torchplate.measurement.assessment.noise import noise_level
 
 PLACE = {"x": 0.27, "y": 0.68}
 RESPONSE = (3, 17)

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from torchplate.effects import CATALOGUE
-from torchplate.measurement.noise import noise_level
-from torchplate.measurement.rational_fit import RationalFit
+from torchplate.measurement.assessment.noise import noise_level
+from torchplate.measurement.assessment.rational_fit import RationalFit
 
 HIDDEN = {
     "oblong": {},

@@ -14,7 +14,7 @@ from torchplate.diagnosis.selection.products import Product, Products
 from torchplate.diagnosis.selection.screen import screen, twins
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
-from torchplate.measurement.noise import Noise
+from torchplate.measurement.assessment.noise import Noise
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 

@@ -19,7 +19,7 @@ from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
 from torchplate.diagnosis.summary import _finer_mesh, _on_symmetry, _table
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
-from torchplate.measurement.noise import noise_level
+from torchplate.measurement.assessment.noise import noise_level
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 

@@ -12,8 +12,8 @@ from torchplate.discrepancy.measure import Measured
 from torchplate.discrepancy.norms import relative_frf_norm
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT, Imperfections
-from torchplate.measurement.noise import Noise, noise_level
-from torchplate.measurement.resonances import Resonances
+from torchplate.measurement.assessment.noise import Noise, noise_level
+from torchplate.measurement.assessment.resonances import Resonances
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 

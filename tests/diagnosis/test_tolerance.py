@@ -11,7 +11,7 @@ from torchplate.diagnosis.problem import Problem
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.tolerance import with_tolerances
 from torchplate.effects import CATALOGUE
-from torchplate.measurement.noise import Noise
+from torchplate.measurement.assessment.noise import Noise
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from torchplate.measurement.analyser import ANALYSERS, Analyser, Spectra
+from torchplate.measurement.virtual.analyser import ANALYSERS, Analyser, Spectra
 
 CPU = torch.device("cpu")
 SMALL = Analyser(span=250.0, n_line=100)

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from torchplate.measurement import Channel, Measurement, MeasurementError, NaturalFrequencies, read_measurement
-from torchplate.measurement.archive import arrays_of
+from torchplate.measurement.formats.archive import arrays_of
 
 
 def test_band_keeps_the_lines_at_both_of_its_edges(make_measurement):

@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from torchplate.effects import HystereticDamping, Plate, Searched, SupportSpring, ViscousDamping
-from torchplate.measurement import PERFECT, Imperfections, modal_test, simulate
-from torchplate.measurement.analyser import ANALYSERS, Analyser
+from torchplate.measurement import PERFECT, Imperfections, simulate
 from torchplate.measurement.measurement import SI_UNIT, Measurement
-from torchplate.measurement.modal_test import Hammer, Hits, hammer_test
+from torchplate.measurement.virtual.analyser import ANALYSERS, Analyser
+from torchplate.measurement.virtual.hammer_test import Hammer, Hits, hammer_test
 from torchplate.model import PlateModel
 from torchplate.plate import Mesh
 
@@ -127,7 +127,7 @@ def test_computing_longer_blocks_changes_nothing(monkeypatch):
     # What wraps round is 1e-6 of a mode that does not decay; that H is not analytic across 0 Hz costs about as much.
     quiet = replace(IDEAL, n_average=1, exponential_window=0.5)
     usual = run(LIVELY, quiet)
-    monkeypatch.setattr(modal_test, "N_RECORD_PER_BLOCK", 32)
+    monkeypatch.setattr("torchplate.measurement.virtual.hammer_test.N_RECORD_PER_BLOCK", 32)
     longer = run(LIVELY, quiet)
     assert float((usual.frf - longer.frf).norm() / longer.frf.norm()) < 1e-5
 

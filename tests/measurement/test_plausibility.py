@@ -8,8 +8,8 @@ import torch
 
 from torchplate.effects import HystereticDamping, Plate, SupportSpring
 from torchplate.measurement import SI_UNIT, Channel, Measurement, NaturalFrequencies
-from torchplate.measurement.plausibility import disagreements
-from torchplate.measurement.quality import runs_backwards
+from torchplate.measurement.assessment.plausibility import disagreements
+from torchplate.measurement.assessment.quality import runs_backwards
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 
@@ -169,7 +169,7 @@ def test_a_number_of_another_plate_is_named_beside_a_table(mesh, changes, words)
 
 
 def test_many_searched_parameters_cost_no_more_than_their_number():
-    from torchplate.measurement.plausibility import _members
+    from torchplate.measurement.assessment.plausibility import _members
 
     assert len(_members(3, 4)) == 1 + 2**3
     assert len(_members(11, 4)) == 1 + 2 * 11 + 2
@@ -181,7 +181,7 @@ def test_many_searched_parameters_cost_no_more_than_their_number():
     [({"x0": "clamped"}, 0), ({"x0": "simply_supported"}, 1), ({"x0": "simply_supported", "x1": "free"}, 1), ({}, 3)],
 )
 def test_rigid_body_modes_are_those_that_the_edges_leave(edges, first):
-    from torchplate.measurement.plausibility import _n_rigid
+    from torchplate.measurement.assessment.plausibility import _n_rigid
 
     mesh = Mesh(0.5, 0.3, 4, 3, edges=edges)
     model = plate(mesh, box=False)

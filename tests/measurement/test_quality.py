@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from torchplate.measurement import Channel, Measurement, assess
-from torchplate.measurement.quality import line_noise
+from torchplate.measurement.assessment.quality import line_noise
 
 
 def changed(measurement: Measurement, j: int, k: int, factor) -> Measurement:

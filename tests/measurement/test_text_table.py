@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from torchplate.measurement import Layout, MeasurementError, read_modal_table, read_nodes, read_recordings
-from torchplate.measurement.text_table import cells_of, complex_of, lines_of, number_of, unit_in
+from torchplate.measurement.formats.text_table import cells_of, complex_of, lines_of, number_of, unit_in
 
 _spec = importlib.util.spec_from_file_location("hits", Path(__file__).with_name("hits.py"))
 assert _spec

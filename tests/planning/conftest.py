@@ -15,7 +15,7 @@ from torchplate.diagnosis.settings.fitting import Fineness
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import SI_UNIT, Channel, Imperfections, Measurement
-from torchplate.measurement.noise import noise_level
+from torchplate.measurement.assessment.noise import noise_level
 from torchplate.model import PlateModel, Searched
 from torchplate.planning.bench import Bench
 from torchplate.plate import Mesh

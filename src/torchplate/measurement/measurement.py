@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from torchplate.measurement.archive import arrays_of, plain
+from torchplate.measurement.formats.archive import arrays_of, plain
 
 Kind = Literal["receptance", "mobility", "accelerance", "transmissibility"]
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)

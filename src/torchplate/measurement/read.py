@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Final
 
+from torchplate.measurement.formats.parsing import reads
 from torchplate.measurement.measurement import Measurement, MeasurementError
-from torchplate.measurement.modal_model import ModalModel, read_modal_table
-from torchplate.measurement.modal_uff import read_modal_uff, write_modal_uff
-from torchplate.measurement.parsing import reads
-from torchplate.measurement.uff import read_uff
+from torchplate.measurement.modal.model import ModalModel, read_modal_table
+from torchplate.measurement.uff.frfs import read_uff
+from torchplate.measurement.uff.modes import read_modal_uff, write_modal_uff
 
 UFF_SUFFIX: Final = (".uff", ".unv", ".uf")
 FRF_SUFFIX: Final = (*UFF_SUFFIX, ".npz")

@@ -19,10 +19,10 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from torchplate.measurement.assessment.quality import line_noise, reciprocity
+from torchplate.measurement.assessment.rational_fit import N_LOCAL, RationalFit
+from torchplate.measurement.assessment.resonances import Resonances
 from torchplate.measurement.measurement import Measurement
-from torchplate.measurement.quality import line_noise, reciprocity
-from torchplate.measurement.rational_fit import N_LOCAL, RationalFit
-from torchplate.measurement.resonances import Resonances
 from torchplate.notation import counted, percent
 
 # Fewer lines than this cannot part poles from noise; neighbours then have to do.

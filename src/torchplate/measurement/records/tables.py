@@ -8,11 +8,11 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from torchplate.measurement.archive import arrays_of, plain
+from torchplate.measurement.formats.archive import arrays_of, plain
+from torchplate.measurement.formats.mat_elements import check_elements
+from torchplate.measurement.formats.text_table import cells_of, lines_of, number_of, unit_in
 from torchplate.measurement.level import is_unit, second_of
-from torchplate.measurement.mat_elements import check_elements
 from torchplate.measurement.measurement import MeasurementError
-from torchplate.measurement.text_table import cells_of, lines_of, number_of, unit_in
 
 FORCE_NAME: Final = re.compile(
     r"force|hammer|exc|impact|kraft|^f\d*$|\[\s*(k|m)?n\s*\]|\(\s*(k|m)?n\s*\)", re.IGNORECASE

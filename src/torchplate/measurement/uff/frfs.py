@@ -19,8 +19,8 @@ from torchplate.measurement.measurement import (
     MeasurementError,
     checked_kind,
 )
-from torchplate.measurement.uff_file import ALIGNED, End, Record, UffFile, open_uff
-from torchplate.measurement.uff_geometry import Point, geometry_of
+from torchplate.measurement.uff.dataset import ALIGNED, End, Record, UffFile, open_uff
+from torchplate.measurement.uff.geometry import Point, geometry_of
 
 FUNCTION_TYPE: Final = {0: "unknown", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "FRF"}
 FUNCTION_TYPE_READ: Final = {4: "FRF", 5: "transmissibility", 6: "coherence"}

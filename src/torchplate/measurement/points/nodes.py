@@ -5,13 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from torchplate.measurement.frame import METRES
+from torchplate.measurement.formats.parsing import reads
+from torchplate.measurement.formats.text_table import cells_of, lines_of, number_of
 from torchplate.measurement.measurement import Channel, Measurement, MeasurementError
-from torchplate.measurement.node_heads import is_head, is_row_of_units, known, units_of
-from torchplate.measurement.parsing import reads
+from torchplate.measurement.points.frame import METRES
+from torchplate.measurement.points.heads import is_head, is_row_of_units, known, units_of
 from torchplate.measurement.read import UFF_SUFFIX
-from torchplate.measurement.text_table import cells_of, lines_of, number_of
-from torchplate.measurement.uff_geometry import read_geometry
+from torchplate.measurement.uff.geometry import read_geometry
 
 Point = tuple[float, float, float]
 

@@ -13,11 +13,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from torchplate.measurement.formats.parsing import reads
 from torchplate.measurement.level import FORCE, MOTION, kind_of, likely_kind
 from torchplate.measurement.measurement import KINDS, MeasurementError
-from torchplate.measurement.modal_uff import COMPLEX, NORMAL, pole_of
-from torchplate.measurement.parsing import reads
-from torchplate.measurement.uff_file import UffFile, open_uff
+from torchplate.measurement.uff.dataset import UffFile, open_uff
+from torchplate.measurement.uff.modes import COMPLEX, NORMAL, pole_of
 from torchplate.notation import counted, percent
 
 FUNCTION: Final = {

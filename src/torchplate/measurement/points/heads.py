@@ -4,8 +4,8 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from torchplate.measurement.frame import METRES
-from torchplate.measurement.text_table import unit_in
+from torchplate.measurement.formats.text_table import unit_in
+from torchplate.measurement.points.frame import METRES
 
 _NAMES: Final = {
     **{name: name for name in METRES},

@@ -10,7 +10,7 @@ from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from torchplate.measurement.recording import Hits
+from torchplate.measurement.records.recording import Hits
 
 Estimate = Literal["H1", "H2", "Hv"]
 ESTIMATES: Final[tuple[Estimate, ...]] = get_args(Estimate)

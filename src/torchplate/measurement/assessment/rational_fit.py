@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from torchplate.measurement.noise_regression import (
+from torchplate.measurement.assessment.regression import (
     expected_square,
     likeliest,
     likelihood_cost,

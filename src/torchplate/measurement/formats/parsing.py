@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Concatenate, Final, ParamSpec, TypeVar
 
-from torchplate.measurement.archive import plain
+from torchplate.measurement.formats.archive import plain
 from torchplate.measurement.measurement import MeasurementError
 
 BROKEN: Final = (

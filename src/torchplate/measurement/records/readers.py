@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from torchplate.measurement.archive import plain
+from torchplate.measurement.formats.archive import plain
+from torchplate.measurement.formats.parsing import reads
 from torchplate.measurement.level import FORCE, MOTION, SI_LABEL, quantity_of, to_si
 from torchplate.measurement.measurement import MeasurementError
-from torchplate.measurement.parsing import reads
 from torchplate.measurement.read import UFF_SUFFIX
-from torchplate.measurement.record_tables import FORCE_NAME, READERS, RecordTable
-from torchplate.measurement.recording import Motion, Recording
-from torchplate.measurement.uff_file import Record, open_uff
-from torchplate.measurement.uff_geometry import geometry_of
+from torchplate.measurement.records.recording import Motion, Recording
+from torchplate.measurement.records.tables import FORCE_NAME, READERS, RecordTable
+from torchplate.measurement.uff.dataset import Record, open_uff
+from torchplate.measurement.uff.geometry import geometry_of
 
 SAME_RATE = 1e-3
 """Relative [-]: natural frequencies of careful tests scatter by as much, and times of few digits are less off."""

@@ -9,8 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.measurement.frame import METRES
 from torchplate.measurement.measurement import Channel, Measurement, MeasurementError
+from torchplate.measurement.points.frame import METRES
 
 OFF_PLATE: Final = 0.01
 """How far off the plate a channel may sit, over the longer side [-]. A ruler, a sensor's radius and a plate cut a

@@ -7,10 +7,10 @@ from typing import Final
 import torch
 from torch import Tensor
 
-from torchplate.measurement.analyser import ANALYSERS, Analyser
 from torchplate.measurement.imperfections import PERFECT, Imperfections
 from torchplate.measurement.measurement import Measurement
-from torchplate.measurement.modal_test import Hammer, hammer_test
+from torchplate.measurement.virtual.analyser import ANALYSERS, Analyser
+from torchplate.measurement.virtual.hammer_test import Hammer, hammer_test
 from torchplate.model import PlateModel, extrapolate, reduce
 
 # The tested plate may live in a reduced basis only if that cannot be told from the plate itself.

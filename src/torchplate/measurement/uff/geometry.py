@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from torchplate.measurement.coordinate_system import GLOBAL, CoordinateSystem, systems_of
+from torchplate.measurement.formats.parsing import reads
 from torchplate.measurement.level import Units
 from torchplate.measurement.measurement import MeasurementError
-from torchplate.measurement.parsing import reads
-from torchplate.measurement.uff_file import UffFile, in_global, open_uff
+from torchplate.measurement.uff.coordinate_system import GLOBAL, CoordinateSystem, systems_of
+from torchplate.measurement.uff.dataset import UffFile, in_global, open_uff
 
 Point = tuple[float, float, float]
 

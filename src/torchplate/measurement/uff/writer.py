@@ -13,7 +13,7 @@ import torch
 
 from torchplate.measurement.level import MOTION_OF_KIND, SI_LABEL, SPECIFIER
 from torchplate.measurement.measurement import Channel, Measurement, MeasurementError
-from torchplate.measurement.uff_values import DOUBLE_WIDTH, SINGLE_WIDTH
+from torchplate.measurement.uff.values import DOUBLE_WIDTH, SINGLE_WIDTH
 
 DIRECTION_NUMBER: Final = {"u": 1, "v": 2, "w": 3, "tx": 4, "ty": 5, "tz": 6}
 

@@ -12,12 +12,12 @@ from typing import Any, Final
 import numpy as np
 import torch
 
+from torchplate.measurement.formats.parsing import reads
+from torchplate.measurement.formats.text_table import complex_of
 from torchplate.measurement.level import KIND_OF_MOTION, Units, factor_to_si, hertz_of, likely_kind
 from torchplate.measurement.measurement import SI_UNIT, Channel, Measurement, MeasurementError
-from torchplate.measurement.parsing import reads
-from torchplate.measurement.record_files import Layout
-from torchplate.measurement.record_tables import MAPPINGS, flat, headed, rows_of
-from torchplate.measurement.text_table import complex_of
+from torchplate.measurement.records.readers import Layout
+from torchplate.measurement.records.tables import MAPPINGS, flat, headed, rows_of
 from torchplate.notation import counted
 
 FREQUENCY: Final = frozenset({"f", "fr", "freq", "freqs", "frequency", "frequencies", "frequenz", "hz", "w", "omega"})

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 import torch
 
-from torchplate.measurement.estimate import Estimate, Estimated, Windows, estimate
 from torchplate.measurement.level import KIND_OF_MOTION
 from torchplate.measurement.measurement import SI_UNIT, Channel, Measurement, MeasurementError
-from torchplate.measurement.recording import Cutting, Hits, Recording, cut
+from torchplate.measurement.records.estimate import Estimate, Estimated, Windows, estimate
+from torchplate.measurement.records.recording import Cutting, Hits, Recording, cut
 from torchplate.notation import percent
 
 ALIAS_FREE: Final = 2.56

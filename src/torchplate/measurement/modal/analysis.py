@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Complex, Float
 
 from torchplate.measurement.measurement import Measurement, MeasurementError
-from torchplate.measurement.modal_model import ModalModel
+from torchplate.measurement.modal.model import ModalModel
 
 MISSING: Final = (
     "modes: expected the package sdypy-EMA, which estimates poles, found none. Run pip install 'torchplate-fem[modal]'."

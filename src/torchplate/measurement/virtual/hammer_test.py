@@ -14,9 +14,9 @@ import torch
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
-from torchplate.measurement.analyser import Analyser, Spectra
 from torchplate.measurement.imperfections import PERFECT, Imperfections
 from torchplate.measurement.measurement import SI_UNIT, Channel, Measurement, checked_kind
+from torchplate.measurement.virtual.analyser import Analyser, Spectra
 from torchplate.model import PlateModel
 
 # An inverse FFT over four records, at twice the analyser's rate: room for the filter's slope, which ends at 1.56 span.

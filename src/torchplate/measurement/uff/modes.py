@@ -11,10 +11,10 @@ import numpy as np
 import torch
 
 from torchplate.measurement.measurement import Channel, MeasurementError
-from torchplate.measurement.modal_model import ModalModel
-from torchplate.measurement.uff_file import UffFile, open_uff
-from torchplate.measurement.uff_geometry import geometry_of
-from torchplate.measurement.uff_writer import block, nodes_block, units_block
+from torchplate.measurement.modal.model import ModalModel
+from torchplate.measurement.uff.dataset import UffFile, open_uff
+from torchplate.measurement.uff.geometry import geometry_of
+from torchplate.measurement.uff.writer import block, nodes_block, units_block
 
 NORMAL, COMPLEX = 2, (3, 7)
 """Analysis types: a normal mode; a complex mode of the first and of the second order."""

@@ -18,9 +18,9 @@ from scipy.sparse.linalg import ArpackNoConvergence
 from scipy.special import bdtrc
 from torch import Tensor
 
+from torchplate.measurement.assessment.quality import CONJUGATE, peaks, runs_backwards, summed_amplitude
 from torchplate.measurement.measurement import SI_UNIT, Kind, Measurement
 from torchplate.measurement.natural_frequencies import NaturalFrequencies
-from torchplate.measurement.quality import CONJUGATE, peaks, runs_backwards, summed_amplitude
 from torchplate.model import DENSE, PlateModel, SparseModel, plate_mass, section_numbers, sizes
 
 

@@ -17,9 +17,9 @@ import torch
 from jaxtyping import Float, Num
 from torch import Tensor
 
-from torchplate.measurement.archive import plain
+from torchplate.measurement.formats.archive import plain
+from torchplate.measurement.formats.text_table import complex_of, lines_of, with_point
 from torchplate.measurement.measurement import Channel, MeasurementError
-from torchplate.measurement.text_table import complex_of, lines_of, with_point
 
 HEAD: Final = ("mode", "frequency_hz", "damping_ratio")
 EXAMPLE: Final = f"Write the columns {', '.join(HEAD)}, then one for each node, such as 1, 2, 3"

@@ -13,10 +13,10 @@ import numpy as np
 import pyuff
 from jaxtyping import Complex, Float
 
-from torchplate.measurement.archive import plain
+from torchplate.measurement.formats.archive import plain
 from torchplate.measurement.level import hertz_of, second_of
 from torchplate.measurement.measurement import MeasurementError
-from torchplate.measurement.uff_values import ORDINATE, ValuesError, decode
+from torchplate.measurement.uff.values import ORDINATE, ValuesError, decode
 
 DIRECTION: Final = {0: "w", 1: "u", 2: "v", 3: "w", 4: "tx", 5: "ty", 6: "tz"}
 ALIGNED: Final = 0.99

@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from torchplate.measurement.frame import METRES, Frame
 from torchplate.measurement.measurement import MOST, MeasurementError
+from torchplate.measurement.points.frame import METRES, Frame
 from torchplate.notation import percent
 
 SLACK: Final = 0.01
