@@ -153,7 +153,7 @@ def bench(measured: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.Monkey
     if not EVERY_CALL:
         monkeypatch.setattr("torchplate.report.run._pictures", lambda *_: ({}, {}))
     monkeypatch.setattr("torchplate.report.run.png", lambda *_: PNG)
-    monkeypatch.setattr("torchplate.report.page._picture", lambda _: "")
+    monkeypatch.setattr("torchplate.report.forms.page._picture", lambda _: "")
     for name, content in measured.items():
         (tmp_path / name).write_bytes(content)
     return Bench(tmp_path)

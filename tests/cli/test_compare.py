@@ -11,7 +11,7 @@ from rich.console import Console
 
 from torchplate.cli.results.finished import by_plate, differences, read_finished
 from torchplate.cli.verbs.compare import compare
-from torchplate.report.latex import escaped
+from torchplate.report.forms.latex import escaped
 
 
 def said(folders, out=None):

@@ -70,7 +70,7 @@ def diagnosed(tmp_path_factory, make_config) -> SimpleNamespace:
         # Figures are made and not rendered, which takes as long as the diagnosis: tests/report renders them, and so
         # does the diagnosis of a dead channel in `make check`.
         patch.setattr("torchplate.report.diagnosis.png", lambda _: b"\x89PNG\r\n\x1a\n")
-        patch.setattr("torchplate.report.page.svg", lambda *_: "")
+        patch.setattr("torchplate.report.forms.page.svg", lambda *_: "")
         patch.setattr("torchplate.cli.progress.log.log_figures", lambda _: {})
         found = diagnose(path, out, ["search.seed=3", "measurement.band=[20.0, 290.0]"], console=console)
     content = json.loads((out / "diagnosis.json").read_text())
@@ -204,7 +204,7 @@ def test_gaps_are_those_of_the_model_that_is_handed_over(diagnosed):
 @pytest.mark.check
 def test_run_evaluates_the_model_that_is_handed_over(diagnosed, tmp_path, monkeypatch):
     monkeypatch.setattr("torchplate.report.run.png", lambda *_: b"")
-    monkeypatch.setattr("torchplate.report.page._picture", lambda _: "")
+    monkeypatch.setattr("torchplate.report.forms.page._picture", lambda _: "")
     assert main(["run", str(diagnosed.folder / "model.yaml"), "--out", str(tmp_path / "run")]) == 0
     result = json.loads((tmp_path / "run" / "result.json").read_text())
     gap, n_heldout = diagnosed.content["gap"], int(diagnosed.found.overlay.heldout.sum())

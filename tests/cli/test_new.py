@@ -78,7 +78,7 @@ def test_the_channels_come_to_their_places_whatever_the_file_counts_from(where, 
 def test_the_config_runs_and_finds_the_modulus(roved, tmp_path, command, monkeypatch):
     # What is drawn is not asked for here, and takes most of the time.
     monkeypatch.setattr("torchplate.report.run.png", lambda *_: b"")
-    monkeypatch.setattr("torchplate.report.page._picture", lambda _: "")
+    monkeypatch.setattr("torchplate.report.forms.page._picture", lambda _: "")
     file = written(roved, tmp_path / "test.uff", turned)
     config = tmp_path / "plate.yaml"
     assert command("new", file, *PLATE, "--out", config)[0] == 0

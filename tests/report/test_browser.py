@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from torchplate.report.style import ON_DARK, PAPER
+from torchplate.report.figures.style import ON_DARK, PAPER
 
 
 def _beside(name: str):

@@ -14,8 +14,8 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torchplate.cli.progress.log import log_diagnosis
 from torchplate.diagnosis.result import Location, Step
 from torchplate.report import verdict_sentence
-from torchplate.report.assurance_figure import caption
 from torchplate.report.diagnosis_tables import N_CHANNEL
+from torchplate.report.figures.assurance import caption
 
 _spec = importlib.util.spec_from_file_location("samples", Path(__file__).with_name("samples.py"))
 assert _spec is not None
@@ -32,7 +32,7 @@ diagnosis, write_diagnosis, Page = samples.diagnosis, samples.write_diagnosis, s
 def unrendered(monkeypatch):
     """Rendering takes most of the time."""
     monkeypatch.setattr("torchplate.report.diagnosis.png", lambda _: PNG)
-    monkeypatch.setattr("torchplate.report.page.svg", lambda *_: "")
+    monkeypatch.setattr("torchplate.report.forms.page.svg", lambda *_: "")
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def written(tmp_path_factory) -> dict[str, samples.Written]:
         with pytest.MonkeyPatch.context() as patch:
             if name not in RENDERED:
                 patch.setattr("torchplate.report.diagnosis.png", lambda _: PNG)
-                patch.setattr("torchplate.report.page.svg", lambda *_: "")
+                patch.setattr("torchplate.report.forms.page.svg", lambda *_: "")
             write_diagnosis(name, cases[name].found, cases[name].folder, "torchplate diagnose plate.yaml")
     return cases
 

@@ -16,10 +16,10 @@ from torchplate.diagnosis.assurance import csac_by_line, csf_by_line, fdac, fdac
 from torchplate.diagnosis.result import Diagnosis, Estimate, Step
 from torchplate.report import png
 from torchplate.report.diagnosis_figures import N_PANEL, figures, panels
-from torchplate.report.frf_figure import shown
-from torchplate.report.mode_shapes import composite, mode_shapes, modes_of
-from torchplate.report.plate_map import plate_map
-from torchplate.report.style import AFTER, BEFORE, MEASURED
+from torchplate.report.figures.frf import shown
+from torchplate.report.figures.mode_shapes import composite, mode_shapes, modes_of
+from torchplate.report.figures.plate_map import plate_map
+from torchplate.report.figures.style import AFTER, BEFORE, MEASURED
 
 _spec = importlib.util.spec_from_file_location("samples", Path(__file__).with_name("samples.py"))
 assert _spec is not None

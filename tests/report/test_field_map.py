@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from torchplate.diagnosis.result import FoundField
+from torchplate.report.blocks.document import Heading, Listing, Picture
 from torchplate.report.diagnosis import _blocks
 from torchplate.report.diagnosis_figures import figures
-from torchplate.report.document import Heading, Listing, Picture
-from torchplate.report.field_map import field_map, field_told
+from torchplate.report.figures.field_map import field_map, field_told
 
 _spec = importlib.util.spec_from_file_location("samples", Path(__file__).with_name("samples.py"))
 assert _spec is not None

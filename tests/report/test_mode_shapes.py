@@ -9,8 +9,8 @@ import torch
 
 from torchplate.measurement import Channel, Measurement
 from torchplate.model import DENSE, SparseModel
-from torchplate.report.measured_shapes import N_PLACE, measured_shapes, roved
-from torchplate.report.mode_shapes import N_GRID, N_MODE, composite, mode_shapes, modes_caption, modes_of, told
+from torchplate.report.figures.measured_shapes import N_PLACE, measured_shapes, roved
+from torchplate.report.figures.mode_shapes import N_GRID, N_MODE, composite, mode_shapes, modes_caption, modes_of, told
 
 _spec = importlib.util.spec_from_file_location("samples", Path(__file__).with_name("samples.py"))
 assert _spec is not None

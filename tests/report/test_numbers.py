@@ -2,7 +2,7 @@
 
 import pytest
 
-from torchplate.report.numbers import figure_digits, interval, listed
+from torchplate.report.blocks.numbers import figure_digits, interval, listed
 
 
 @pytest.mark.parametrize(

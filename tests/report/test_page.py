@@ -11,8 +11,8 @@ import pytest
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 
-from torchplate.report.channel_names import explained
-from torchplate.report.document import (
+from torchplate.report.blocks.channel_names import explained
+from torchplate.report.blocks.document import (
     Command,
     Document,
     Heading,
@@ -22,11 +22,11 @@ from torchplate.report.document import (
     Picture,
     Table,
 )
-from torchplate.report.drawing import VARIABLES, lay_out, pdf, png, svg
-from torchplate.report.markdown import markdown
-from torchplate.report.page import page
-from torchplate.report.page_style import style
-from torchplate.report.style import BEFORE, INK, NARROW, ON_DARK, TITLE, dress
+from torchplate.report.figures.drawing import VARIABLES, lay_out, pdf, png, svg
+from torchplate.report.figures.style import BEFORE, INK, NARROW, ON_DARK, TITLE, dress
+from torchplate.report.forms.markdown import markdown
+from torchplate.report.forms.page import page
+from torchplate.report.forms.page_style import style
 
 _spec = importlib.util.spec_from_file_location("samples", Path(__file__).with_name("samples.py"))
 assert _spec is not None

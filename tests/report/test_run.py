@@ -17,8 +17,8 @@ from torchplate.measurement import NaturalFrequencies
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
 from torchplate.report import Convergence, convergence, model_report, run_report
+from torchplate.report.figures.style import MEASURED, NARROW, NOMINAL, UPDATED
 from torchplate.report.run_figures import frf_figure, overlay, shown
-from torchplate.report.style import MEASURED, NARROW, NOMINAL, UPDATED
 
 _spec = importlib.util.spec_from_file_location("samples", Path(__file__).with_name("samples.py"))
 assert _spec is not None
@@ -86,7 +86,7 @@ def test_the_figures_lie_beside_the_text_and_the_page_needs_none_of_them(files, 
 
 def test_the_fit_comes_first_in_words(objective, monkeypatch):
     # What is drawn is not asked for here.
-    monkeypatch.setattr("torchplate.report.page.svg", lambda *_: "")
+    monkeypatch.setattr("torchplate.report.forms.page.svg", lambda *_: "")
     monkeypatch.setattr("torchplate.report.run.png", lambda *_: b"")
     for gap, mood in ((0.0123, "close"), (0.2, "partial"), (0.7, "poor"), (1.2, "poor")):
         found = result(objective, gap)
@@ -96,7 +96,7 @@ def test_the_fit_comes_first_in_words(objective, monkeypatch):
 
 
 def test_what_looks_wrong_with_the_frfs_stands_before_the_fit_that_it_explains(objective, monkeypatch):
-    monkeypatch.setattr("torchplate.report.page.svg", lambda *_: "")
+    monkeypatch.setattr("torchplate.report.forms.page.svg", lambda *_: "")
     monkeypatch.setattr("torchplate.report.run.png", lambda *_: b"")
     sign, other = "With the sign of all FRFs turned the gap is 3 %.", "wires.stiffness ended on its bound."
     found = replace(result(objective, 1.81), misread=[sign], caveats=[sign, other])

@@ -8,10 +8,10 @@ from torchplate.effects import Plate
 from torchplate.measurement import Channel, ModalModel
 from torchplate.model import PlateModel, modes_at
 from torchplate.plate import Mesh
-from torchplate.report.drawing import svg
-from torchplate.report.modal_fdac import fdac_figure, modal_fdac
-from torchplate.report.paired_shapes import shapes_of
-from torchplate.report.shape_agreement import agreement, comac_figure, mac_figure
+from torchplate.report.figures.drawing import svg
+from torchplate.report.figures.modal_fdac import fdac_figure, modal_fdac
+from torchplate.report.figures.paired_shapes import shapes_of
+from torchplate.report.figures.shape_agreement import agreement, comac_figure, mac_figure
 
 NODES = [1, 3, 5, 11, 13, 15, 17, 19, 21, 23, 25, 29, 31, 33, 35]
 WRONG = 4

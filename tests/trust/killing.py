@@ -362,12 +362,12 @@ def without_rendering() -> None:
     import torchplate.cli.verbs.diagnose
     import torchplate.cli.verbs.run
     import torchplate.report.diagnosis
-    import torchplate.report.page
+    import torchplate.report.forms.page
     import torchplate.report.run
 
     torchplate.report.diagnosis.png = lambda *_: b"\x89PNG\r\n\x1a\n"  # type: ignore[assignment]
     torchplate.report.run.png = lambda *_: b"\x89PNG\r\n\x1a\n"  # type: ignore[assignment]
-    torchplate.report.page._picture = lambda _: ""  # type: ignore[assignment]
+    torchplate.report.forms.page._picture = lambda _: ""  # type: ignore[assignment]
     torchplate.cli.progress.log.log_figures = lambda *_: {}  # type: ignore[assignment]
 
 

@@ -10,13 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from torchplate.notation import percent
-from torchplate.report.document import Document, Panel, Picture, Table
-from torchplate.report.drawing import pdf, png
-from torchplate.report.latex import latex
-from torchplate.report.markdown import markdown
-from torchplate.report.numbers import with_unit
+from torchplate.report.blocks.document import Document, Panel, Picture, Table
+from torchplate.report.blocks.numbers import with_unit
+from torchplate.report.figures.drawing import pdf, png
+from torchplate.report.figures.style import COLOURS, INK, dress
+from torchplate.report.forms.latex import latex
+from torchplate.report.forms.markdown import markdown
 from torchplate.report.run_figures import Convergence, convergence, convergence_told
-from torchplate.report.style import COLOURS, INK, dress
 
 WITHIN = 0.01
 """A search counts as arrived when its best objective is within this part of the best that any run found."""

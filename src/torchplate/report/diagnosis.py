@@ -6,18 +6,18 @@ from pathlib import Path
 
 from torchplate.diagnosis import Diagnosis, Overlay
 from torchplate.discrepancy import ModalEvidence
-from torchplate.report.assurance_figure import caption
-from torchplate.report.channel_names import explained
+from torchplate.report.blocks.channel_names import explained
+from torchplate.report.blocks.document import Block, Command, Document, Heading, Listing, Panel, Paragraph, Picture
 from torchplate.report.diagnosis_figures import figures, panels
 from torchplate.report.diagnosis_tables import bands, channels, considered, effects, gap_table, kinds, parameters, steps
-from torchplate.report.document import Block, Command, Document, Heading, Listing, Panel, Paragraph, Picture
-from torchplate.report.drawing import png
-from torchplate.report.markdown import markdown
-from torchplate.report.mode_shapes import composite, mode_shapes, modes_caption, modes_of
-from torchplate.report.page import page
-from torchplate.report.paired_shapes import shapes_of
-from torchplate.report.plate_map import place_found
-from torchplate.report.shape_agreement import agreement
+from torchplate.report.figures.assurance import caption
+from torchplate.report.figures.drawing import png
+from torchplate.report.figures.mode_shapes import composite, mode_shapes, modes_caption, modes_of
+from torchplate.report.figures.paired_shapes import shapes_of
+from torchplate.report.figures.plate_map import place_found
+from torchplate.report.figures.shape_agreement import agreement
+from torchplate.report.forms.markdown import markdown
+from torchplate.report.forms.page import page
 from torchplate.report.verdict import verdict_sentence
 
 FIGURES = "figures/"

@@ -6,13 +6,13 @@ from functools import partial
 from matplotlib.figure import Figure
 
 from torchplate.diagnosis import Diagnosis
-from torchplate.report.assurance_figure import assurance, assurance_panels
-from torchplate.report.bands_figure import bands_figure, bands_told
-from torchplate.report.document import Panel
-from torchplate.report.field_map import field_map, field_told
-from torchplate.report.frf_figure import frf_overlay, frf_told, shown
-from torchplate.report.gap_figure import gap_figure, gap_told
-from torchplate.report.plate_map import map_told, place_found, plate_map
+from torchplate.report.blocks.document import Panel
+from torchplate.report.figures.assurance import assurance, assurance_panels
+from torchplate.report.figures.bands import bands_figure, bands_told
+from torchplate.report.figures.field_map import field_map, field_told
+from torchplate.report.figures.frf import frf_overlay, frf_told, shown
+from torchplate.report.figures.gap import gap_figure, gap_told
+from torchplate.report.figures.plate_map import map_told, place_found, plate_map
 
 N_PANEL = 6
 """FRFs that are drawn."""

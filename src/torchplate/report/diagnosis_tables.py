@@ -6,9 +6,9 @@ from typing import Any
 from torchplate.diagnosis import FIRST_REFIT, Diagnosis, Location, Named, Overlay, Scored, frac_by_channel
 from torchplate.effects import CATALOGUE
 from torchplate.notation import drop, percent
-from torchplate.report.document import Block, Heading, Paragraph, Table
-from torchplate.report.numbers import confidence, digits, interval, quantity, with_unit
-from torchplate.report.plate_map import place_found
+from torchplate.report.blocks.document import Block, Heading, Paragraph, Table
+from torchplate.report.blocks.numbers import confidence, digits, interval, quantity, with_unit
+from torchplate.report.figures.plate_map import place_found
 
 KINDS = {
     "force": "a force at one place, free at every line",

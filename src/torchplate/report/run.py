@@ -12,14 +12,15 @@ from torchplate.identification import CORRELATED, Result, retaken_told
 from torchplate.measurement import Placement
 from torchplate.model import PlateModel
 from torchplate.notation import percent
-from torchplate.report.channel_names import explained
-from torchplate.report.document import Block, Document, Heading, Listing, Panel, Paragraph, Picture, Table
-from torchplate.report.drawing import png
-from torchplate.report.markdown import markdown
-from torchplate.report.mode_shapes import mode_shapes, modes_caption, modes_of
-from torchplate.report.numbers import digits
-from torchplate.report.page import page
-from torchplate.report.paired_shapes import shapes_of
+from torchplate.report.blocks.channel_names import explained
+from torchplate.report.blocks.document import Block, Document, Heading, Listing, Panel, Paragraph, Picture, Table
+from torchplate.report.blocks.numbers import digits
+from torchplate.report.figures.drawing import png
+from torchplate.report.figures.mode_shapes import mode_shapes, modes_caption, modes_of
+from torchplate.report.figures.paired_shapes import shapes_of
+from torchplate.report.figures.shape_agreement import agreement
+from torchplate.report.forms.markdown import markdown
+from torchplate.report.forms.page import page
 from torchplate.report.run_figures import (
     Convergence,
     convergence,
@@ -31,7 +32,6 @@ from torchplate.report.run_figures import (
     overlay,
     shown,
 )
-from torchplate.report.shape_agreement import agreement
 
 # Of the files beside report.md: they are looked at on a screen.
 DPI, N_COLOUR = 90, 64

@@ -15,8 +15,8 @@ from torchplate.discrepancy import Objective
 from torchplate.identification import nominal
 from torchplate.measurement import Measurement, NaturalFrequencies
 from torchplate.notation import percent
-from torchplate.report.document import Panel
-from torchplate.report.style import (
+from torchplate.report.blocks.document import Panel
+from torchplate.report.figures.style import (
     COLOURS,
     INK,
     MEASURED,

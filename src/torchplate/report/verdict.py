@@ -2,7 +2,7 @@
 
 from torchplate.diagnosis import Diagnosis, Named
 from torchplate.notation import percent
-from torchplate.report.numbers import listed
+from torchplate.report.blocks.numbers import listed
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:

@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from torchplate.measurement import Measurement, Quality, summed_amplitude
-from torchplate.report.style import INK, MUTED, dress
+from torchplate.report.figures.style import INK, MUTED, dress
 
 MANY = 6
 """More channels than this are told apart by colour and legend beside the panels, and their phases thinned."""

@@ -2,7 +2,7 @@
 
 import re
 
-from torchplate.report.document import Command, Document, Heading, Listing, Paragraph, Picture, Table
+from torchplate.report.blocks.document import Command, Document, Heading, Listing, Paragraph, Picture, Table
 
 
 def markdown(document: Document, folder: str = "") -> str:

@@ -14,9 +14,9 @@ from torch import Tensor
 
 from torchplate.measurement import Measurement
 from torchplate.model import DENSE, PlateModel, SparseModel
-from torchplate.report.document import Panel
-from torchplate.report.measured_shapes import Shape, measured_shapes, roved
-from torchplate.report.style import INK, MUTED, NARROW, SHADED, SHAPE, TITLE
+from torchplate.report.blocks.document import Panel
+from torchplate.report.figures.measured_shapes import Shape, measured_shapes, roved
+from torchplate.report.figures.style import INK, MUTED, NARROW, SHADED, SHAPE, TITLE
 
 N_MODE = 12
 """Modes that are drawn."""

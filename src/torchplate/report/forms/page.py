@@ -5,9 +5,9 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 
-from torchplate.report.document import Command, Document, Heading, Listing, Paragraph, Picture, Table
-from torchplate.report.drawing import svg
-from torchplate.report.page_style import style
+from torchplate.report.blocks.document import Command, Document, Heading, Listing, Paragraph, Picture, Table
+from torchplate.report.figures.drawing import svg
+from torchplate.report.forms.page_style import style
 
 SHORT = 30
 """Lines of a cell up to this length are not broken."""

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Sequence
 
 from torchplate.measurement import Channel, Measurement
-from torchplate.report.document import Block, Paragraph, words
+from torchplate.report.blocks.document import Block, Paragraph, words
 
 
 def explained(blocks: Sequence[Block], measurement: Measurement) -> Iterator[Block]:

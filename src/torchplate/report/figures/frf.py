@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from torchplate.diagnosis import ChannelGap, Diagnosis, Overlay
 from torchplate.notation import percent
-from torchplate.report.style import (
+from torchplate.report.figures.style import (
     AFTER,
     INK,
     MEASURED,

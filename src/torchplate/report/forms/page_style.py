@@ -1,7 +1,7 @@
 """How a report looks in a browser, on light and on dark ground, and on paper."""
 
-from torchplate.report.drawing import VARIABLES
-from torchplate.report.style import ON_DARK
+from torchplate.report.figures.drawing import VARIABLES
+from torchplate.report.figures.style import ON_DARK
 
 _LIGHT = {"ink": "#1f2933", "muted": "#58646f", "rule": "#d9dee4", "tint": "#f4f6f8", "paper": "#ffffff"}
 _LIGHT |= {"good": "#009e73", "half": "#e69f00", "bad": "#d55e00", "told": "#0072b2"}

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from torchplate.diagnosis import Overlay, csac_by_line, csf_by_line, fdac, fdac_frequency
 from torchplate.measurement import Measurement
-from torchplate.report.document import Panel
-from torchplate.report.style import FOUND, INDEX, INK, NARROW, Curve, bare, colour_bar, curves, dress
+from torchplate.report.blocks.document import Panel
+from torchplate.report.figures.style import FOUND, INDEX, INK, NARROW, Curve, bare, colour_bar, curves, dress
 
 # Steps of a twentieth: a PNG of few colours has some left for the lines.
 SHADES = INDEX.resampled(20)

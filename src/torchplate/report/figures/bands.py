@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchplate.diagnosis import Diagnosis, Overlay
 from torchplate.notation import percent
-from torchplate.report.style import BAND, INK, MEASURED, NARROW, curves, decibel, decibel_unit, dress
+from torchplate.report.figures.style import BAND, INK, MEASURED, NARROW, curves, decibel, decibel_unit, dress
 
 
 def bands_figure(diagnosis: Diagnosis, overlay: Overlay, narrow: bool = False) -> Figure:

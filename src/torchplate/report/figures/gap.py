@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from torchplate.diagnosis import Diagnosis, Step
 from torchplate.notation import number_of_percent, percent
-from torchplate.report.style import AFTER, BEFORE, INK, MEASURED, MUTED, NARROW, PAPER, dress, plain
+from torchplate.report.figures.style import AFTER, BEFORE, INK, MEASURED, MUTED, NARROW, PAPER, dress, plain
 
 FAINT = 0.4
 """Opacity of the bars of FRFs that no fit saw; of the steps between the first and the last a little more."""

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from torchplate.report.document import Table
+from torchplate.report.blocks.document import Table
 
 _SPECIAL = {
     "\\": r"\textbackslash{}",

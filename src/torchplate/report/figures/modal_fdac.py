@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from torchplate.discrepancy import mac
-from torchplate.report.paired_shapes import Shapes
-from torchplate.report.style import FOUND, INDEX, INK, NARROW, bare, colour_bar
+from torchplate.report.figures.paired_shapes import Shapes
+from torchplate.report.figures.style import FOUND, INDEX, INK, NARROW, bare, colour_bar
 
 SHADES = INDEX.resampled(20)
 N_LINE: Final = 200

@@ -17,8 +17,8 @@ from matplotlib.transforms import Bbox
 from torchplate.diagnosis import Diagnosis, Estimate, Named
 from torchplate.effects import SupportSpring
 from torchplate.notation import percent
-from torchplate.report.numbers import figure_digits
-from torchplate.report.style import FOUND, INDEX, INK, MUTED, NARROW, PAPER, SHADED, bare, colour_bar
+from torchplate.report.blocks.numbers import figure_digits
+from torchplate.report.figures.style import FOUND, INDEX, INK, MUTED, NARROW, PAPER, SHADED, bare, colour_bar
 
 MANY_CHANNELS = 40
 """More than these on the map stay without their labels."""

@@ -9,7 +9,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from PIL import Image
 
-from torchplate.report.style import ON_DARK, SHADED
+from torchplate.report.figures.style import ON_DARK, SHADED
 
 DPI = 150
 """Of figures that are to be sharp on paper."""

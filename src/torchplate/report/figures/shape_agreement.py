@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Rectangle
 
-from torchplate.report.document import Panel, Picture
-from torchplate.report.modal_fdac import fdac_caption, fdac_figure, fdac_told, modal_fdac
-from torchplate.report.paired_shapes import Shapes
-from torchplate.report.style import INDEX, INK, MUTED, NARROW, bare, colour_bar, dress
+from torchplate.report.blocks.document import Panel, Picture
+from torchplate.report.figures.modal_fdac import fdac_caption, fdac_figure, fdac_told, modal_fdac
+from torchplate.report.figures.paired_shapes import Shapes
+from torchplate.report.figures.style import INDEX, INK, MUTED, NARROW, bare, colour_bar, dress
 
 SHADES = INDEX.resampled(20)
 MOST_NUMBERS = 12

@@ -8,8 +8,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from torchplate.diagnosis import Diagnosis, FoundField
-from torchplate.report.plate_map import draw_channels, draw_plate
-from torchplate.report.style import FOUND, INK, MUTED, NARROW, PAPER, SHADED, SHAPE, shade
+from torchplate.report.figures.plate_map import draw_channels, draw_plate
+from torchplate.report.figures.style import FOUND, INK, MUTED, NARROW, PAPER, SHADED, SHAPE, shade
 
 QUANTITIES = {
     "stiffness": ("bending stiffness, more than the plate's [%]", 100.0),
