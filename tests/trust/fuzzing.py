@@ -363,7 +363,7 @@ def _tensors(content: bytes, draw: random.Random) -> bytes:
         elif deed == 6:
             held[key] = draw.choice(["text", None, 3, [one], {"a": one}])
         elif deed == 7:
-            held[draw.choice(["generation", "state.population", "told", "0.start", "x"])] = one
+            held[draw.choice(["generation", "state.population", "told", "start", "x"])] = one
         else:
             held[key] = torch.cat([one.flatten(), one.flatten()])
         if not held:

@@ -40,6 +40,22 @@ class TestRecall:
         assert not recalled(descent(0.3).start, lambda: descent(0.3))[1]
 
 
+def test_descents_of_any_size_come_back_as_they_were(tmp_path):
+    generator = torch.Generator().manual_seed(0)
+    made = []
+    for cost, (n_start, n) in enumerate([(3, 4), (1, 9), (2, 0), (8, 2)]):
+        start, position, objective = (
+            torch.rand(shape, generator=generator, dtype=torch.float64)
+            for shape in ((n_start, n), (n_start, n), (n_start,))
+        )
+        made.append(Descent(start, position, objective, cost))
+    file = descents.DescentFile(tmp_path / "descents.pt", {"config": "a"})
+    file.keep(made)
+    for back, one in zip(file.read(), made, strict=True):
+        assert all(torch.equal(*pair) for pair in zip(back[:3], one[:3], strict=True))
+        assert back.n_evaluation == one.n_evaluation
+
+
 STOPPED: dict[str, bytes] = {}
 """What lies in the folder of a diagnosis that was stopped: made by the first test that asks for it."""
 
@@ -72,7 +88,7 @@ def stopped(bench, make_config, command, monkeypatch):
 
 def kept(out) -> list[torch.Tensor]:
     content = torch.load(out / DESCENTS, weights_only=True)
-    return [content[f"{place}.position"] for place in range(len(content["n_evaluation"]))]
+    return list(content["position"].split(content["shape"].prod(1).tolist()))
 
 
 def test_it_goes_on_where_it_was_stopped(bench, stopped, command):
