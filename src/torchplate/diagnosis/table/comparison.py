@@ -10,7 +10,9 @@ from torch import Tensor
 from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.integral import Integral
+from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.hypotheses import (
+    Alone,
     Fitted,
     Hypothesis,
     Tried,
@@ -40,6 +42,8 @@ class Weighed:
         modes: that its effects bring into the basis.
         rebuilt: whether its basis holds the modes of the best minimum.
         drawn: the likelihood over the whole box, with a sample of the posterior; None where Laplace's method is enough.
+        alone: one effect where its refit has ended; None for the given model and for pairs.
+        table: what it was held against, where the mesh error was taken off anew with its effects; None elsewhere.
     """
 
     hypothesis: Hypothesis | None
@@ -49,6 +53,8 @@ class Weighed:
     modes: tuple[Tensor, ...] = ()
     rebuilt: bool = False
     drawn: Integral | None = None
+    alone: Alone | None = None
+    table: TableEvidence | None = None
 
     @property
     def best(self) -> Minimum:
@@ -148,34 +154,54 @@ class Comparing:
         model = self.plates.with_effects([part.candidate for part in hypothesis.parts], hypothesis.labels)
         column = ordered(hypothesis, model.names, self.plates.model.names)
         extra = _distinct([mode for part in hypothesis.parts for mode in part.modes])
-        minima = self._problem(model, extra, hypothesis).minima(hypothesis.starts[:, column], hopeless=hopeless)
+        problem = self._problem(model, extra, hypothesis)
+        minima = problem.minima(hypothesis.starts[:, column], hopeless=hopeless)
         self.plates.n_evaluation += len(hypothesis.starts) * self.settings.n_iteration
-        return Weighed(hypothesis, model, tuple(minima), together(minima), extra)
+        alone = self._alone(hypothesis, problem, minima[0])
+        return Weighed(hypothesis, model, tuple(minima), together(minima), extra, alone=alone)
 
-    def _problem(self, model: PlateModel, extra: Sequence[Tensor], one: Hypothesis | None) -> Problem:
+    def _problem(
+        self, model: PlateModel, extra: Sequence[Tensor], one: Hypothesis | None, table: TableEvidence | None = None
+    ) -> Problem:
         """A model in the shared modes and some more. As large as all its elements in that basis: it is not kept."""
         parts = () if one is None else zip(one.labels, one.parts, strict=True)
         usual = Usual.of(model, {label: part.candidate for label, part in parts})
-        return Problem(self.plates.reduced(model, extra), self.plates.evidence, self.prior, self.settings, usual)
+        evidence = table or self.plates.evidence
+        return Problem(self.plates.reduced(model, extra), evidence, self.prior, self.settings, usual)
+
+    def _alone(self, hypothesis: Hypothesis, problem: Problem, minimum: Minimum) -> Alone | None:
+        """One effect where its refit has ended, for pairs to begin there."""
+        if len(hypothesis.parts) > 1:
+            return None
+        names, label = problem.natural.model.names, hypothesis.labels[0]
+        own = tuple(k for k, name in enumerate(names) if name.startswith(f"{label}."))
+        given = tuple(names.index(name) if name in names else None for name in self.plates.model.names)
+        return Alone(hypothesis.parts[0], Fitted.of(problem, minimum), own, given)
 
     def rebuilt(self, found: Weighed) -> Weighed:
-        """The same with the modes of the plate that was found in the basis: right in all dofs there."""
+        """The same with the modes of the plate that was found in the basis: right in all dofs there.
+
+        With a patch, which bends where it is cut out, the mesh error is another, and is taken off anew.
+        """
         assert found.hypothesis is not None
-        plates, model = self.plates, found.model
+        plates, model, table = self.plates, found.model, None
+        if plates.kind == "corrected" and any(part.candidate.is_patch for part in found.hypothesis.parts):
+            model, table = plates.anew(model, found.theta)
         own = [mode for part in found.hypothesis.parts for mode in part.modes]
         extra = _distinct([*own, plates.solved(model, found.theta).shape])
-        problem = self._problem(model, extra, found.hypothesis)
+        problem = self._problem(model, extra, found.hypothesis, table)
         turned = {one.turns for one in found.minima}
         kept = [one for one in found.minima if one.evidence < found.best.evidence + self.settings.near]
         # The basis is right at the best minimum and not at its images, which were told before.
         minima = problem.minima(
             torch.stack([one.position for one in kept]), self.settings.n_first, max(turned, key=len)
         )
-        return Weighed(found.hypothesis, model, tuple(minima), together(minima), extra, True)
+        alone = self._alone(found.hypothesis, problem, minima[0])
+        return Weighed(found.hypothesis, model, tuple(minima), together(minima), extra, True, alone=alone, table=table)
 
     def integrated(self, found: Weighed) -> Weighed:
         """The same, its likelihood integrated over all its values."""
-        problem = self._problem(found.model, found.modes, found.hypothesis)
+        problem = self._problem(found.model, found.modes, found.hypothesis, found.table)
         if not problem.free:
             return found
         drawn = over_the_box(problem, found.minima)
@@ -201,7 +227,8 @@ class Comparing:
 
     def with_pairs(self, found: Comparison) -> Comparison:
         """The pairs that promise most beside what was weighed."""
-        every = [one for one in pairs(found.fitted, found.seen, self.settings) if self._may_fail(one)]
+        alone = [one.alone for one in found.weighed if one.alone is not None]
+        every = [one for one in pairs(found.fitted, found.seen, self.settings, alone) if self._may_fail(one)]
         evidence, level = self.plates.evidence, self.settings.level
         does = any(
             one.best.chi_square <= evidence.limit(one.best.n_effective, level)

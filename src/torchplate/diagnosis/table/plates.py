@@ -65,18 +65,21 @@ class Plates:
     def at(self, theta: Float[Tensor, " n_parameter"]) -> None:
         """Take the mesh error off where the given model is now, and begin a basis there."""
         if self.kind == "corrected":
-            if self._finer is None:
-                finer = dataclasses.replace(self.model.mesh, refine=2 * self.model.mesh.refine)
-                self._finer = Assembly(finer, dense=False).to(self.model.known)
-            found = extrapolate(on_mesh(self.model, self._assembly), self.top, theta, self._finer)
-            self.model = found.model
-            error = torch.zeros(self.n_mode).to(found.error)
-            count = min(self.n_mode, len(found.error))
-            error[:count] = found.error[:count].abs()
-            left = self.settings.mesh_part * error[self.mode] + self.settings.mesh_least
-            self.evidence = self.evidence.on_mesh(left * self.evidence.frequency)
+            self.model, self.evidence = self.anew(self.model, theta)
         n_mode = int(self.settings.basis_times * self.n_mode) + self.settings.basis_more
         self._modes = self._of(self.model, theta, n_mode).shape
+
+    def anew(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> tuple[PlateModel, TableEvidence]:
+        """A model whose own mesh error is taken off where it is now, and the table with what stays of it."""
+        if self._finer is None:
+            finer = dataclasses.replace(self.model.mesh, refine=2 * self.model.mesh.refine)
+            self._finer = Assembly(finer, dense=False).to(self.model.known)
+        found = extrapolate(on_mesh(model, self._assembly), self.top, theta, self._finer)
+        error = torch.zeros(self.n_mode).to(found.error)
+        count = min(self.n_mode, len(found.error))
+        error[:count] = found.error[:count].abs()
+        left = self.settings.mesh_part * error[self.mode] + self.settings.mesh_least
+        return found.model, self.evidence.on_mesh(left * self.evidence.frequency)
 
     @classmethod
     def corrected(cls, model: PlateModel, evidence: TableEvidence, settings: TableSettings) -> "Plates":

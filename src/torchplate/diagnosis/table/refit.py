@@ -30,6 +30,8 @@ Prior = Mapping[str, tuple[float, float]]
 # A parameter this near to an end of its interval is on it, on the unit cube: rounding.
 ON_BOUND = 1e-6
 NOTHING_USUAL = Usual()
+# What a plate turned over has at 1 − u on the unit cube, along x and along y: places, and slopes from −a to a.
+AXES = {"x": "y", "slope_x": "slope_y"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,19 +222,25 @@ class Problem:
         return every[nearest, torch.arange(len(position))]
 
     def turned(self, position: Float[Tensor, "*batch n"]) -> list[Tensor]:
-        """The position with all places mirrored in every way; on a square across the diagonal too."""
-        names = self.natural.model.names
-        along = [k for k, name in enumerate(names) if name.endswith(".x") and f"{name[:-1]}y" in names]
-        across = [names.index(f"{names[k][:-1]}y") for k in along]
+        """The position with all places and slopes mirrored in every way; on a square across the diagonal too."""
+        names, space, mesh = self.natural.model.names, self.natural.model.space, self.natural.model.mesh
+        along, across = [], []
+        for k, name in enumerate(names):
+            label, _, key = name.rpartition(".")
+            if key in AXES and f"{label}.{AXES[key]}" in names:
+                along.append(k)
+                across.append(names.index(f"{label}.{AXES[key]}"))
+        longer = [k for k, name in enumerate(names) if name.endswith(".aspect")]
         if not along:
             return []
         found = []
-        mesh = self.natural.model.mesh
         for swapped in (False, True) if mesh.length_x == mesh.length_y else (False,):
             for over_x, over_y in ((False, False), (True, False), (False, True), (True, True)):
                 image = position.clone()
                 if swapped:
                     image[..., along], image[..., across] = position[..., across], position[..., along]
+                    # What is longer along x is then longer along y.
+                    image[..., longer] = space.to_cube(1 / space.to_si(position))[..., longer]
                 if over_x:
                     image[..., along] = 1 - image[..., along]
                 if over_y:
