@@ -1,15 +1,21 @@
 """Tables: long patches and their mesh error, pairs far from the given model, and slopes that lean the other way."""
 
+import dataclasses
+
 import pytest
 import torch
 
+from torchplate.diagnosis.integral import Integral
 from torchplate.diagnosis.table import comparison
 from torchplate.diagnosis.table.comparison import Comparing, Comparison, Weighed
 from torchplate.diagnosis.table.evidence import TableEvidence
+from torchplate.diagnosis.table.found import Found
 from torchplate.diagnosis.table.hypotheses import single, tried, visible
 from torchplate.diagnosis.table.plates import MeshKind, Plates
+from torchplate.diagnosis.table.posterior import Entry, Posterior
 from torchplate.diagnosis.table.refit import Problem
 from torchplate.diagnosis.table.settings import SETTINGS
+from torchplate.diagnosis.table.summary import _estimates
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import NaturalFrequencies
 from torchplate.model import PlateModel, Searched
@@ -116,3 +122,28 @@ def test_on_a_square_a_patch_that_is_long_along_x_is_one_that_is_long_along_y():
     exact = torch.stack([plates.exactly(plates.model, plates.model.space.to_si(one)) for one in every])
     assert len(every) == 8
     assert exact == pytest.approx(exact[:1].expand_as(exact), rel=1e-8)
+
+
+@torch.no_grad()
+def test_intervals_are_those_of_all_hypotheses_that_have_what_is_named():
+    """What is less probable says another number, with its part of the draws; what has another effect says none."""
+    comparing = bench("given", 1, 1e-3, TAPER)
+    baseline, fitted = comparing.baseline()
+    compared = Comparison(comparing.plates, baseline, fitted, (), (), (), 0)
+
+    def at(one: Weighed, value: float) -> Weighed:
+        places = torch.full((50, len(one.model.names)), value, dtype=torch.float64)
+        return dataclasses.replace(one, drawn=Integral(0.0, 50.0, places, torch.full((50,), 0.02).double()))
+
+    taper = alone(comparing, "thickness_taper")
+    entries = [
+        Entry(compared, at(taper, 0.3), 0.6),
+        Entry(compared, at(taper, 0.7), 0.2),
+        Entry(compared, at(alone(comparing, "point_mass"), 0.1), 0.15),
+        Entry(compared, at(baseline, 0.9), 0.05),
+    ]
+    found = Found((compared,), Posterior(tuple(entries), SETTINGS), {}, SETTINGS)
+    slope = _estimates(found, entries[0])["thickness_taper_1.slope_x"]
+    assert (slope.low, slope.high) == pytest.approx((-0.12, 0.12))
+    young = _estimates(found, entries[3])["plate.youngs_modulus"]
+    assert (young.low, young.high) == pytest.approx((2.34e11, 2.34e11))
