@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from torchplate.diagnosis.integral import Integral
-from torchplate.diagnosis.table import comparison
+from torchplate.diagnosis.table import comparison, diagnose_table
 from torchplate.diagnosis.table.comparison import Comparing, Comparison, Weighed
 from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.found import Found
@@ -147,3 +147,27 @@ def test_intervals_are_those_of_all_hypotheses_that_have_what_is_named():
     assert (slope.low, slope.high) == pytest.approx((-0.12, 0.12))
     young = _estimates(found, entries[3])["plate.youngs_modulus"]
     assert (young.low, young.high) == pytest.approx((2.34e11, 2.34e11))
+
+
+@torch.no_grad()
+def test_on_the_second_mesh_refits_begin_where_those_on_the_first_have_ended(monkeypatch):
+    comparing = bench("given", 1, 1e-3, ("point_mass", {}, {"x": 0.23, "y": 0.31, "mass": 0.15}))
+    table = comparing.plates.evidence
+    begun: dict[tuple[str, ...], list[int]] = {}
+    every, minima = comparison.visible, Problem.minima
+
+    def counted(self: Problem, starts: torch.Tensor, n_iteration: int | None = None, *more, **told):
+        if n_iteration is None and len(self.natural.model.names) > 1:
+            begun.setdefault(self.natural.model.names, []).append(len(starts))
+        return minima(self, starts, n_iteration, *more, **told)
+
+    monkeypatch.setattr(Problem, "minima", counted)
+    monkeypatch.setattr(comparison, "visible", lambda *told: [one for one in every(*told) if one.name == "point_mass"])
+    found = diagnose_table(
+        plate(1, searched=True), NaturalFrequencies(table.mode + 1, table.frequency, table.scatter), tolerance={}
+    )
+    assert [one.name for one in found.effects] == ["point_mass"]
+    (counted_alone,) = (counts for names, counts in begun.items() if "point_mass_2.x" not in names)
+    first, second = counted_alone
+    assert first == SETTINGS.n_start
+    assert second <= SETTINGS.n_onward + 1

@@ -136,27 +136,39 @@ class Comparing:
         baseline = Weighed(None, plates.model, tuple(minima), together(minima), rebuilt=True)
         return baseline, Fitted.of(problem, minima[0])
 
-    def _each(self, hypotheses: Sequence[Hypothesis], least: float) -> list[Weighed]:
+    def _each(self, hypotheses: Sequence[Hypothesis], least: float, other: Comparison | None) -> list[Weighed]:
         """All refitted, those that promise most first: they tell which of the others are hopeless.
 
         Args:
             hypotheses: in any order.
             least: χ² that is left by what was refitted before.
+            other: what was weighed on the other mesh; None where this is the first.
         """
+        known = {} if other is None else {one.hypothesis.key: one for one in other.weighed if one.hypothesis}
         found = []
         for one in sorted(hypotheses, key=lambda one: one.promise):
-            found.append(self.refitted(one, self.settings.hopeless * least))
+            found.append(self.refitted(one, self.settings.hopeless * least, known.get(one.key)))
             least = min(least, found[-1].best.chi_square)
         return found
 
-    def refitted(self, hypothesis: Hypothesis, hopeless: float = math.inf) -> Weighed:
-        """A hypothesis from all its starts, in the shared modes and those of its effects."""
+    def refitted(self, hypothesis: Hypothesis, hopeless: float = math.inf, elsewhere: Weighed | None = None) -> Weighed:
+        """A hypothesis from all its starts, in the shared modes and those of its effects.
+
+        Args:
+            hypothesis: its effects.
+            hopeless: χ² beyond which, after a few steps, it is not followed to its end.
+            elsewhere: the same on another mesh, of which the minima are near: begun there, and at the best start.
+        """
         model = self.plates.with_effects([part.candidate for part in hypothesis.parts], hypothesis.labels)
         column = ordered(hypothesis, model.names, self.plates.model.names)
         extra = _distinct([mode for part in hypothesis.parts for mode in part.modes])
         problem = self._problem(model, extra, hypothesis)
-        minima = problem.minima(hypothesis.starts[:, column], hopeless=hopeless)
-        self.plates.n_evaluation += len(hypothesis.starts) * self.settings.n_iteration
+        starts = hypothesis.starts[:, column]
+        if elsewhere is not None:
+            ends = [one.position for one in elsewhere.minima[: self.settings.n_onward]]
+            starts = torch.stack([*ends, starts[0]])
+        minima = problem.minima(starts, hopeless=hopeless)
+        self.plates.n_evaluation += len(starts) * self.settings.n_iteration
         alone = self._alone(hypothesis, problem, minima[0])
         return Weighed(hypothesis, model, tuple(minima), together(minima), extra, alone=alone)
 
@@ -213,20 +225,31 @@ class Comparing:
         found = visible(self.plates, baseline.theta)
         return [tried(self.plates, fitted, k, one, self.settings) for k, one in enumerate(found)]
 
-    def singles(self, baseline: Weighed, fitted: Fitted) -> Comparison:
-        """The given model and every effect alone."""
+    def singles(self, baseline: Weighed, fitted: Fitted, other: Comparison | None = None) -> Comparison:
+        """The given model and every effect alone.
+
+        Args:
+            baseline: the given model.
+            fitted: the same, linearised.
+            other: what was weighed on the other mesh; None where this is the first.
+        """
         every = self.tries(baseline, fitted)
         seen = [one for one in every if one.seen(self.settings)]
         blind = {one.name for one in every} - {one.name for one in seen}
         self.say(f"{self.plates.kind} mesh: {len(seen)} effects and options")
         alone = [single(fitted, one, self.settings) for one in seen]
         weighed = self._best_rebuilt(
-            self._each([one for one in alone if self._may_fail(one)], baseline.best.chi_square)
+            self._each([one for one in alone if self._may_fail(one)], baseline.best.chi_square, other)
         )
         return Comparison(self.plates, baseline, fitted, tuple(seen), tuple(sorted(blind)), tuple(weighed), 0)
 
-    def with_pairs(self, found: Comparison) -> Comparison:
-        """The pairs that promise most beside what was weighed."""
+    def with_pairs(self, found: Comparison, other: Comparison | None = None) -> Comparison:
+        """The pairs that promise most beside what was weighed.
+
+        Args:
+            found: the given model and every effect alone.
+            other: what was weighed on the other mesh; None where this is the first.
+        """
         alone = [one.alone for one in found.weighed if one.alone is not None]
         every = [one for one in pairs(found.fitted, found.seen, self.settings, alone) if self._may_fail(one)]
         evidence, level = self.plates.evidence, self.settings.level
@@ -237,7 +260,7 @@ class Comparing:
         count = min(len(every), self.settings.n_pair_beside if does else self.settings.n_pair)
         self.say(f"{self.plates.kind} mesh: {count} of {len(every)} pairs")
         least = min(one.best.chi_square for one in (found.baseline, *found.weighed))
-        weighed = self._best_rebuilt(self._each(every[:count], least))
+        weighed = self._best_rebuilt(self._each(every[:count], least, other))
         left = len(every) - count
         return Comparison(
             found.plates, found.baseline, found.fitted, found.seen, found.unseen, (*found.weighed, *weighed), left

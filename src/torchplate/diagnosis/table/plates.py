@@ -6,11 +6,13 @@ natural frequencies are those of all dofs.
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Literal
 
 import torch
 from jaxtyping import Float
+from scipy.sparse import csr_array
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate
@@ -119,8 +121,14 @@ class Plates:
         theta = model.space.to_si(model.known.new_full((len(model.names),), 0.5))
         section = model.plan(theta).section
         by_element = any(part is not None and part.shape[-1] > 1 for part in section)
-        assembly = Assembly(model.mesh, stack, by_element, model.assembly.correction).to(model.known)
+        correction, patterns = model.assembly.correction, self._patterns
+        assembly = Assembly(model.mesh, stack, by_element, correction, of_mesh=patterns).to(model.known)
         return Natural(on_mesh(model, assembly), self.mode)
+
+    @functools.cached_property
+    def _patterns(self) -> list[csr_array]:
+        """What every basis on this mesh is made from."""
+        return self._assembly.patterns_everywhere()
 
     def solved(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Modes:
         """Modes of one plate in all dofs: those of the table, and the few above that it brings into a basis."""

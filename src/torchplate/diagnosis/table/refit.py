@@ -273,6 +273,7 @@ def _descended(residual: Residual, jacobian: Residual, starts: Tensor, n_iterati
         n_iteration=n_iteration,
         objective_tolerance=1e-4,
         step_tolerance=1e-5,
+        jacobian_at_end=False,
     )
 
 
