@@ -171,3 +171,25 @@ def test_on_the_second_mesh_refits_begin_where_those_on_the_first_have_ended(mon
     first, second = counted_alone
     assert first == SETTINGS.n_start
     assert second <= SETTINGS.n_onward + 1
+
+
+@torch.no_grad()
+def test_a_mirror_image_that_is_the_same_plate_but_for_its_wires_is_tried_too():
+    """Wires near two sides of a square tell along from across; a refit that ends in the one finds the other."""
+    mesh = Mesh(0.4, 0.4, 8, 8)
+    known = NUMBERS | {"plate.youngs_modulus": 2.1e11, "wires.stiffness": 5e3, "wires.viscous_damping": 0.0}
+    searched = {f"patch.{key}": Searched(0.1, 0.9) for key in ("x", "y", "size", "factor")}
+    searched["patch.aspect"] = Searched(1 / 3, 3.0, logarithmic=True)
+    wires = CATALOGUE["support_spring"](nodes=[2, 8, 74, 80])
+    effects = {"plate": CATALOGUE["plate"](), "wires": wires, "patch": CATALOGUE["stiffness_loss"]()}
+    model = PlateModel(mesh, effects, known, searched)
+    place = torch.tensor([0.3, 0.6, 0.35, 0.4, 0.8], dtype=torch.float64)
+    truth = model.natural_frequencies(model.space.to_si(place), 15)[3:]
+    table = NaturalFrequencies(torch.arange(4, 16), truth, 1e-3 * truth)
+    plates = Plates(model, TableEvidence.of(table, SETTINGS), "given", SETTINGS, 1)
+    plates.at(model.space.to_si(place))
+    problem = Problem(plates.reduced(model), plates.evidence, {}, SETTINGS)
+    across = next(one for one in problem.turned(place) if one[:2].tolist() == [0.6, 0.3])
+    minima = problem.minima(across[None])
+    assert minima[0].chi_square < 1e-3
+    assert minima[0].position.tolist() == pytest.approx(place.tolist(), abs=0.02)

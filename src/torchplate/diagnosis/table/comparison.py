@@ -144,7 +144,8 @@ class Comparing:
             least: χ² that is left by what was refitted before.
             other: what was weighed on the other mesh; None where this is the first.
         """
-        known = {} if other is None else {one.hypothesis.key: one for one in other.weighed if one.hypothesis}
+        before = [] if other is None else sorted(other.weighed, key=lambda one: -one.evidence)
+        known = {one.hypothesis.key: one for one in before if one.hypothesis}
         found = []
         for one in sorted(hypotheses, key=lambda one: one.promise):
             found.append(self.refitted(one, self.settings.hopeless * least, known.get(one.key)))
@@ -211,12 +212,28 @@ class Comparing:
         alone = self._alone(found.hypothesis, problem, minima[0])
         return Weighed(found.hypothesis, model, tuple(minima), together(minima), extra, True, alone=alone, table=table)
 
-    def integrated(self, found: Weighed) -> Weighed:
-        """The same, its likelihood integrated over all its values."""
+    def rebuilt_each(self, found: Weighed) -> list[Weighed]:
+        """The same; with a patch, whose mesh error is another at each of its minima, one for each that may be it."""
+        if self.plates.kind == "given" or not any(part.candidate.is_patch for part in _parts(found)):
+            return [self.rebuilt(found)]
+        near = [one for one in found.minima if one.evidence < found.best.evidence + self.settings.near]
+        kept: list[Weighed] = []
+        for one in (self.rebuilt(replace(found, minima=(minimum,))) for minimum in near):
+            if not any(other.best.is_near(one.best.position, self.settings.same) for other in kept):
+                kept.append(one)
+        return kept
+
+    def integrated(self, found: Weighed, others: Sequence[Weighed] = ()) -> Weighed:
+        """The same, its likelihood integrated over all its values.
+
+        Args:
+            found: what was weighed.
+            others: the same hypothesis about other minima, which hold what is nearest to them.
+        """
         problem = self._problem(found.model, found.modes, found.hypothesis, found.table)
         if not problem.free:
             return found
-        drawn = over_the_box(problem, found.minima)
+        drawn = over_the_box(problem, found.minima, [one.best for one in others])
         self.plates.n_evaluation += len(drawn.places)
         return replace(found, evidence=drawn.evidence, drawn=drawn)
 
@@ -250,7 +267,8 @@ class Comparing:
             found: the given model and every effect alone.
             other: what was weighed on the other mesh; None where this is the first.
         """
-        alone = [one.alone for one in found.weighed if one.alone is not None]
+        ranked = sorted(found.weighed, key=lambda one: -one.evidence)
+        alone = [one.alone for one in ranked if one.alone is not None]
         every = [one for one in pairs(found.fitted, found.seen, self.settings, alone) if self._may_fail(one)]
         evidence, level = self.plates.evidence, self.settings.level
         does = any(
@@ -277,7 +295,12 @@ class Comparing:
         ranked = sorted(found, key=lambda one: one.evidence)
         least = ranked[0].evidence if ranked else 0.0
         some = [one for one in ranked[: self.settings.n_rebuilt] if one.evidence < least + self.settings.far]
-        return [self.rebuilt(one) if one in some else one for one in ranked]
+        each = [self.rebuilt_each(one) if one in some else [one] for one in ranked]
+        return [one for ends in each for one in ends]
+
+
+def _parts(found: Weighed) -> tuple[Tried, ...]:
+    return () if found.hypothesis is None else found.hypothesis.parts
 
 
 def _distinct(modes: Sequence[Tensor]) -> tuple[Tensor, ...]:

@@ -73,14 +73,15 @@ def _integrated(
     """What may be the best is integrated over all its values, and the given model, which it is held against."""
     doubtful = {one.weighed for one in Posterior.of(compared, settings).entries if one.probability > settings.doubtful}
 
-    def integrated(bench: Comparing, one: Weighed) -> Weighed:
-        return bench.integrated(one) if one in doubtful else one
+    def integrated(bench: Comparing, one: Weighed, every: Sequence[Weighed]) -> Weighed:
+        same = [other for other in every if other.hypothesis is one.hypothesis and other is not one]
+        return bench.integrated(one, same) if one in doubtful else one
 
     return [
         replace(
             one,
             baseline=bench.integrated(one.baseline),
-            weighed=tuple(integrated(bench, other) for other in one.weighed),
+            weighed=tuple(integrated(bench, other, one.weighed) for other in one.weighed),
         )
         for bench, one in zip(benches, compared, strict=True)
     ]

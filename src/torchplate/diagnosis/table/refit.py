@@ -64,6 +64,11 @@ class Minimum:
     n_effective: float
     predicted: Float[Tensor, " n_mode"]
 
+    def is_near(self, place: Float[Tensor, " n"], limit: float) -> bool:
+        """Whether a place, or an image of this one, is within a squared distance in the posterior's metric."""
+        off = self.images - place
+        return bool(((off @ self.precision) * off).sum(-1).min() < limit)
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -157,11 +162,28 @@ class Problem:
             if any(self._same(one, place) for one in kept):
                 continue
             kept.append(self.minimum(place, turns))
+        if turns is None:
+            # A mirror image that is nearly the same plate, but for its wires, is a minimum of its own.
+            others = self._nearly_alike(kept[0])
+            ends = _descended(residual, jacobian, others, settings.n_first).position if len(others) else others
+            for one in map(self.minimum, ends):
+                if one.peak < kept[0].peak + settings.far and not any(self._same(end, one.position) for end in kept):
+                    kept.append(one)
         return sorted(kept, key=lambda one: one.evidence)
 
+    def _nearly_alike(self, one: Minimum) -> Float[Tensor, "n_image n"]:
+        """Mirror images of a minimum that are not the same plate, and not far above it."""
+        turned = [place for k, place in enumerate(self.turned(one.position)) if k not in one.turns]
+        places = torch.stack(turned) if turned else one.position.new_zeros(0, len(one.position))
+        if not turned:
+            return places
+        off = self.evidence.residual(self.natural.frequency(places)).square().sum(-1)
+        cost = self.evidence.minus_two_log_likelihoods(off) + self.deviations(places).square().sum(-1)
+        near = cost < one.peak + self.settings.far
+        return places[near & torch.tensor([not self._same(one, place) for place in places])]
+
     def _same(self, one: Minimum, place: Tensor) -> bool:
-        off = one.images - place
-        return bool(((off @ one.precision) * off).sum(-1).min() < self.settings.same)
+        return one.is_near(place, self.settings.same)
 
     def minimum(self, position: Float[Tensor, " n"], turns: tuple[int, ...] | None = None) -> Minimum:
         """What there is to say of a minimum at this place, its mirror images known or looked for."""
