@@ -35,6 +35,7 @@ class Assembly(nn.Module):
         by_element: whether elements will differ. Each is then projected once, where that fits.
         correction: what the stiffness of a finer mesh would add; see `model.extrapolation`.
         dense: whether matrices will be wanted often; False where only sparse ones, projections and rows are.
+        of_mesh: `patterns_everywhere` of this mesh, where many bases share it; left out, they are made.
     """
 
     index: Tensor
@@ -61,6 +62,7 @@ class Assembly(nn.Module):
         by_element: bool = False,
         correction: "Correction | None" = None,
         dense: bool = True,
+        of_mesh: Sequence[csr_array] | None = None,
     ) -> None:
         super().__init__()
         self.mesh = mesh
@@ -87,7 +89,7 @@ class Assembly(nn.Module):
         self.register_buffer("mirror", None, persistent=False)
         if basis is not None:
             if dense:
-                self.uniform = torch.stack([self._projected(one) for one in (*pattern, mass_pattern)])
+                self.uniform = torch.stack([self._projected(one) for one in of_mesh or self.patterns_everywhere()])
             if by_element and 7 * 8 * mesh.n_element * basis.shape[-1] ** 2 <= 2 * ELEMENT_BYTES:
                 self._keep_elements()
         elif dense and 7 * 8 * len(free) ** 2 <= UNIFORM_BYTES:
@@ -426,12 +428,16 @@ class Assembly(nn.Module):
         flat = flat.index_add(-1, self.index, matrices.flatten(-3))
         return flat.unflatten(-1, (size, size))[..., :-1, :-1]
 
-    def _projected(self, pattern: Float[Tensor, "12 12"]) -> Float[Tensor, "n n"]:
-        """One pattern in every element, in the basis: through a sparse matrix, on meshes of any size."""
+    def patterns_everywhere(self) -> list[csr_array]:
+        """Each pattern of the stiffness, and that of the mass, in every element, sparse."""
+        one = torch.ones(1, 1).to(self.pattern)
+        return [self._sparse(one, pattern[None]) for pattern in (*self.pattern, self.mass_pattern)]
+
+    def _projected(self, matrix: csr_array) -> Float[Tensor, "n n"]:
+        """One of these in the basis: through a sparse matrix, on meshes of any size."""
         assert self.basis is not None
         basis = self.basis.double().cpu().numpy()
-        found = basis.T @ (self._sparse(torch.ones(1, 1).to(pattern), pattern[None]) @ basis)
-        return torch.from_numpy(found).to(self.basis)
+        return torch.from_numpy(basis.T @ (matrix @ basis)).to(self.basis)
 
     def _project(
         self, matrices: Float[Tensor, "*batch n_some 12 12"], some: Int[Tensor, " n_some"] | None = None

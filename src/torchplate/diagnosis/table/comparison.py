@@ -10,7 +10,9 @@ from torch import Tensor
 from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.integral import Integral
+from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.hypotheses import (
+    Alone,
     Fitted,
     Hypothesis,
     Tried,
@@ -40,6 +42,8 @@ class Weighed:
         modes: that its effects bring into the basis.
         rebuilt: whether its basis holds the modes of the best minimum.
         drawn: the likelihood over the whole box, with a sample of the posterior; None where Laplace's method is enough.
+        alone: one effect where its refit has ended; None for the given model and for pairs.
+        table: what it was held against, where the mesh error was taken off anew with its effects; None elsewhere.
     """
 
     hypothesis: Hypothesis | None
@@ -49,6 +53,8 @@ class Weighed:
     modes: tuple[Tensor, ...] = ()
     rebuilt: bool = False
     drawn: Integral | None = None
+    alone: Alone | None = None
+    table: TableEvidence | None = None
 
     @property
     def best(self) -> Minimum:
@@ -130,55 +136,104 @@ class Comparing:
         baseline = Weighed(None, plates.model, tuple(minima), together(minima), rebuilt=True)
         return baseline, Fitted.of(problem, minima[0])
 
-    def _each(self, hypotheses: Sequence[Hypothesis], least: float) -> list[Weighed]:
+    def _each(self, hypotheses: Sequence[Hypothesis], least: float, other: Comparison | None) -> list[Weighed]:
         """All refitted, those that promise most first: they tell which of the others are hopeless.
 
         Args:
             hypotheses: in any order.
             least: χ² that is left by what was refitted before.
+            other: what was weighed on the other mesh; None where this is the first.
         """
+        before = [] if other is None else sorted(other.weighed, key=lambda one: -one.evidence)
+        known = {one.hypothesis.key: one for one in before if one.hypothesis}
         found = []
         for one in sorted(hypotheses, key=lambda one: one.promise):
-            found.append(self.refitted(one, self.settings.hopeless * least))
+            found.append(self.refitted(one, self.settings.hopeless * least, known.get(one.key)))
             least = min(least, found[-1].best.chi_square)
         return found
 
-    def refitted(self, hypothesis: Hypothesis, hopeless: float = math.inf) -> Weighed:
-        """A hypothesis from all its starts, in the shared modes and those of its effects."""
+    def refitted(self, hypothesis: Hypothesis, hopeless: float = math.inf, elsewhere: Weighed | None = None) -> Weighed:
+        """A hypothesis from all its starts, in the shared modes and those of its effects.
+
+        Args:
+            hypothesis: its effects.
+            hopeless: χ² beyond which, after a few steps, it is not followed to its end.
+            elsewhere: the same on another mesh, of which the minima are near: begun there, and at the best start.
+        """
         model = self.plates.with_effects([part.candidate for part in hypothesis.parts], hypothesis.labels)
         column = ordered(hypothesis, model.names, self.plates.model.names)
         extra = _distinct([mode for part in hypothesis.parts for mode in part.modes])
-        minima = self._problem(model, extra, hypothesis).minima(hypothesis.starts[:, column], hopeless=hopeless)
-        self.plates.n_evaluation += len(hypothesis.starts) * self.settings.n_iteration
-        return Weighed(hypothesis, model, tuple(minima), together(minima), extra)
+        problem = self._problem(model, extra, hypothesis)
+        starts = hypothesis.starts[:, column]
+        if elsewhere is not None:
+            ends = [one.position for one in elsewhere.minima[: self.settings.n_onward]]
+            starts = torch.stack([*ends, starts[0]])
+        minima = problem.minima(starts, hopeless=hopeless)
+        self.plates.n_evaluation += len(starts) * self.settings.n_iteration
+        alone = self._alone(hypothesis, problem, minima[0])
+        return Weighed(hypothesis, model, tuple(minima), together(minima), extra, alone=alone)
 
-    def _problem(self, model: PlateModel, extra: Sequence[Tensor], one: Hypothesis | None) -> Problem:
+    def _problem(
+        self, model: PlateModel, extra: Sequence[Tensor], one: Hypothesis | None, table: TableEvidence | None = None
+    ) -> Problem:
         """A model in the shared modes and some more. As large as all its elements in that basis: it is not kept."""
         parts = () if one is None else zip(one.labels, one.parts, strict=True)
         usual = Usual.of(model, {label: part.candidate for label, part in parts})
-        return Problem(self.plates.reduced(model, extra), self.plates.evidence, self.prior, self.settings, usual)
+        evidence = table or self.plates.evidence
+        return Problem(self.plates.reduced(model, extra), evidence, self.prior, self.settings, usual)
+
+    def _alone(self, hypothesis: Hypothesis, problem: Problem, minimum: Minimum) -> Alone | None:
+        """One effect where its refit has ended, for pairs to begin there."""
+        if len(hypothesis.parts) > 1:
+            return None
+        names, label = problem.natural.model.names, hypothesis.labels[0]
+        own = tuple(k for k, name in enumerate(names) if name.startswith(f"{label}."))
+        given = tuple(names.index(name) if name in names else None for name in self.plates.model.names)
+        return Alone(hypothesis.parts[0], Fitted.of(problem, minimum), own, given)
 
     def rebuilt(self, found: Weighed) -> Weighed:
-        """The same with the modes of the plate that was found in the basis: right in all dofs there."""
+        """The same with the modes of the plate that was found in the basis: right in all dofs there.
+
+        With a patch, which bends where it is cut out, the mesh error is another, and is taken off anew.
+        """
         assert found.hypothesis is not None
-        plates, model = self.plates, found.model
+        plates, model, table = self.plates, found.model, None
+        if plates.kind == "corrected" and any(part.candidate.is_patch for part in found.hypothesis.parts):
+            model, table = plates.anew(model, found.theta)
         own = [mode for part in found.hypothesis.parts for mode in part.modes]
         extra = _distinct([*own, plates.solved(model, found.theta).shape])
-        problem = self._problem(model, extra, found.hypothesis)
+        problem = self._problem(model, extra, found.hypothesis, table)
         turned = {one.turns for one in found.minima}
         kept = [one for one in found.minima if one.evidence < found.best.evidence + self.settings.near]
         # The basis is right at the best minimum and not at its images, which were told before.
         minima = problem.minima(
             torch.stack([one.position for one in kept]), self.settings.n_first, max(turned, key=len)
         )
-        return Weighed(found.hypothesis, model, tuple(minima), together(minima), extra, True)
+        alone = self._alone(found.hypothesis, problem, minima[0])
+        return Weighed(found.hypothesis, model, tuple(minima), together(minima), extra, True, alone=alone, table=table)
 
-    def integrated(self, found: Weighed) -> Weighed:
-        """The same, its likelihood integrated over all its values."""
-        problem = self._problem(found.model, found.modes, found.hypothesis)
+    def rebuilt_each(self, found: Weighed) -> list[Weighed]:
+        """The same; with a patch, whose mesh error is another at each of its minima, one for each that may be it."""
+        if self.plates.kind == "given" or not any(part.candidate.is_patch for part in _parts(found)):
+            return [self.rebuilt(found)]
+        near = [one for one in found.minima if one.evidence < found.best.evidence + self.settings.near]
+        kept: list[Weighed] = []
+        for one in (self.rebuilt(replace(found, minima=(minimum,))) for minimum in near):
+            if not any(other.best.is_near(one.best.position, self.settings.same) for other in kept):
+                kept.append(one)
+        return kept
+
+    def integrated(self, found: Weighed, others: Sequence[Weighed] = ()) -> Weighed:
+        """The same, its likelihood integrated over all its values.
+
+        Args:
+            found: what was weighed.
+            others: the same hypothesis about other minima, which hold what is nearest to them.
+        """
+        problem = self._problem(found.model, found.modes, found.hypothesis, found.table)
         if not problem.free:
             return found
-        drawn = over_the_box(problem, found.minima)
+        drawn = over_the_box(problem, found.minima, [one.best for one in others])
         self.plates.n_evaluation += len(drawn.places)
         return replace(found, evidence=drawn.evidence, drawn=drawn)
 
@@ -187,21 +242,34 @@ class Comparing:
         found = visible(self.plates, baseline.theta)
         return [tried(self.plates, fitted, k, one, self.settings) for k, one in enumerate(found)]
 
-    def singles(self, baseline: Weighed, fitted: Fitted) -> Comparison:
-        """The given model and every effect alone."""
+    def singles(self, baseline: Weighed, fitted: Fitted, other: Comparison | None = None) -> Comparison:
+        """The given model and every effect alone.
+
+        Args:
+            baseline: the given model.
+            fitted: the same, linearised.
+            other: what was weighed on the other mesh; None where this is the first.
+        """
         every = self.tries(baseline, fitted)
         seen = [one for one in every if one.seen(self.settings)]
         blind = {one.name for one in every} - {one.name for one in seen}
         self.say(f"{self.plates.kind} mesh: {len(seen)} effects and options")
         alone = [single(fitted, one, self.settings) for one in seen]
         weighed = self._best_rebuilt(
-            self._each([one for one in alone if self._may_fail(one)], baseline.best.chi_square)
+            self._each([one for one in alone if self._may_fail(one)], baseline.best.chi_square, other)
         )
         return Comparison(self.plates, baseline, fitted, tuple(seen), tuple(sorted(blind)), tuple(weighed), 0)
 
-    def with_pairs(self, found: Comparison) -> Comparison:
-        """The pairs that promise most beside what was weighed."""
-        every = [one for one in pairs(found.fitted, found.seen, self.settings) if self._may_fail(one)]
+    def with_pairs(self, found: Comparison, other: Comparison | None = None) -> Comparison:
+        """The pairs that promise most beside what was weighed.
+
+        Args:
+            found: the given model and every effect alone.
+            other: what was weighed on the other mesh; None where this is the first.
+        """
+        ranked = sorted(found.weighed, key=lambda one: -one.evidence)
+        alone = [one.alone for one in ranked if one.alone is not None]
+        every = [one for one in pairs(found.fitted, found.seen, self.settings, alone) if self._may_fail(one)]
         evidence, level = self.plates.evidence, self.settings.level
         does = any(
             one.best.chi_square <= evidence.limit(one.best.n_effective, level)
@@ -210,7 +278,7 @@ class Comparing:
         count = min(len(every), self.settings.n_pair_beside if does else self.settings.n_pair)
         self.say(f"{self.plates.kind} mesh: {count} of {len(every)} pairs")
         least = min(one.best.chi_square for one in (found.baseline, *found.weighed))
-        weighed = self._best_rebuilt(self._each(every[:count], least))
+        weighed = self._best_rebuilt(self._each(every[:count], least, other))
         left = len(every) - count
         return Comparison(
             found.plates, found.baseline, found.fitted, found.seen, found.unseen, (*found.weighed, *weighed), left
@@ -227,7 +295,12 @@ class Comparing:
         ranked = sorted(found, key=lambda one: one.evidence)
         least = ranked[0].evidence if ranked else 0.0
         some = [one for one in ranked[: self.settings.n_rebuilt] if one.evidence < least + self.settings.far]
-        return [self.rebuilt(one) if one in some else one for one in ranked]
+        each = [self.rebuilt_each(one) if one in some else [one] for one in ranked]
+        return [one for ends in each for one in ends]
+
+
+def _parts(found: Weighed) -> tuple[Tried, ...]:
+    return () if found.hypothesis is None else found.hypothesis.parts
 
 
 def _distinct(modes: Sequence[Tensor]) -> tuple[Tensor, ...]:

@@ -54,13 +54,14 @@ def diagnose_table(
         begun.append((bench, baseline, fitted))
     if len(begun) > 1 and _alike(begun[0], begun[1], settings):
         begun = begun[:1]
-    compared = [bench.singles(baseline, fitted) for bench, baseline, fitted in begun]
+    compared: list[Comparison] = []
+    for bench, baseline, fitted in begun:
+        compared.append(bench.singles(baseline, fitted, compared[0] if compared else None))
     best = min(_best(one) for one in compared)
-    # A mesh that is that much less probable would need a pair to come back.
-    compared = [
-        bench.with_pairs(one) if _best(one) < best + settings.pairs_within else one
-        for (bench, _, _), one in zip(begun, compared, strict=True)
-    ]
+    for k, (bench, _, _) in enumerate(begun):
+        # A mesh that is that much less probable would need a pair to come back.
+        if _best(compared[k]) < best + settings.pairs_within:
+            compared[k] = bench.with_pairs(compared[k], compared[0] if k else None)
     benches = [bench for bench, _, _ in begun]
     found = Found.of(_integrated(benches, compared, settings), prior, settings)
     return summarise(found, time.monotonic() - began)
@@ -72,14 +73,15 @@ def _integrated(
     """What may be the best is integrated over all its values, and the given model, which it is held against."""
     doubtful = {one.weighed for one in Posterior.of(compared, settings).entries if one.probability > settings.doubtful}
 
-    def integrated(bench: Comparing, one: Weighed) -> Weighed:
-        return bench.integrated(one) if one in doubtful else one
+    def integrated(bench: Comparing, one: Weighed, every: Sequence[Weighed]) -> Weighed:
+        same = [other for other in every if other.hypothesis is one.hypothesis and other is not one]
+        return bench.integrated(one, same) if one in doubtful else one
 
     return [
         replace(
             one,
             baseline=bench.integrated(one.baseline),
-            weighed=tuple(integrated(bench, other) for other in one.weighed),
+            weighed=tuple(integrated(bench, other, one.weighed) for other in one.weighed),
         )
         for bench, one in zip(benches, compared, strict=True)
     ]

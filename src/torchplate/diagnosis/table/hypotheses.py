@@ -4,7 +4,7 @@
 effects this table cannot see, where refits begin, and, with the changes of two effects added, which pairs promise most.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -103,26 +103,39 @@ def label_of(name: str, number: int = 1) -> str:
 
 
 def tried(plates: Plates, fitted: Fitted, index: int, candidate: Candidate, settings: TableSettings) -> Tried:
-    """A candidate spread over its intervals, the given model's parameters where they were fitted."""
+    """A candidate spread over its intervals, the given model's parameters where they were fitted.
+
+    Its details (a patch's aspect) are neutral here, and every refit looks for them.
+    """
     evidence, label = plates.evidence, label_of(candidate.name)
+    n, details, candidate = len(candidate.searched), {*candidate.detail}, candidate.in_detail()
     model = plates.with_effects([candidate], [label])
-    own = [k for k, name in enumerate(model.names) if name.startswith(f"{label}.")]
-    rest = [k for k in range(len(model.names)) if k not in own]
-    n = len(own)
+    keys = [name.removeprefix(f"{label}.") if name.startswith(f"{label}.") else "" for name in model.names]
+    own = [k for k, key in enumerate(keys) if key]
+    rest = [k for k, key in enumerate(keys) if not key]
     count = settings.n_library * (1 if n == 1 else 4 if n == 2 else 8)
-    places = torch.cat([SobolEngine(n).draw(count, dtype=torch.float64)[1:], *_corners(n)]).to(model.known)
+    still = model.space.to_si(model.known.new_full((len(keys),), 0.5))
+    for key in details:
+        still[keys.index(key)] = candidate.neutral[key]
+    still, spread = model.space.to_cube(still)[own], [k for k, j in enumerate(own) if keys[j] not in details]
+
+    def detailed(some: Tensor) -> Tensor:
+        found = still.repeat(len(some), 1)
+        found[:, spread] = some.to(found)
+        return found
 
     def whole(some: Tensor) -> Tensor:
         found = some.new_empty(len(some), len(model.names))
         found[:, own], found[:, rest] = some, fitted.minimum.position
         return found
 
+    places = detailed(torch.cat([SobolEngine(n).draw(count, dtype=torch.float64)[1:], *_corners(n)]))
     modes: list[Tensor] = []
     natural = plates.reduced(model)
     if not candidate.has_place:
         # Far members show whether the shared modes do; where they do not, those of these members join.
         for place in _corners(n):
-            for member in whole(place.to(model.known)):
+            for member in whole(detailed(place)):
                 theta = model.space.to_si(member)
                 exact = plates.solved(model, theta)
                 off = (
@@ -190,8 +203,51 @@ def single(fitted: Fitted, part: Tried, settings: TableSettings) -> Hypothesis:
     return Hypothesis((part,), _starts(fitted, (part,), [(k,) for k in chosen]), float(square.min()))
 
 
-def pairs(fitted: Fitted, parts: Sequence[Tried], settings: TableSettings) -> list[Hypothesis]:
-    """The pairs that promise most, the changes of both effects added."""
+@dataclass(frozen=True, eq=False)
+class Alone:
+    """One effect as it was refitted alone.
+
+    Attributes:
+        part: the candidate.
+        fitted: the model with it, where its refit has ended.
+        own: which of that model's parameters are the effect's.
+        given: for each parameter of the given model which of them it is; None where the effect stands for it.
+    """
+
+    part: Tried
+    fitted: Fitted
+    own: tuple[int, ...]
+    given: tuple[int | None, ...]
+
+    def beside(self, other: Tried, given: Fitted, count: int) -> list[tuple[float, Tensor, Tensor, Tensor]]:
+        """Starts of both: this one where it was refitted, the other where it promises most beside that.
+
+        What the other changes is taken for the same as beside the given model.
+
+        Returns:
+            Of each the sum of squares that is expected, this one's parameters, the other's and the given model's.
+        """
+        square = self.fitted.freed(self.fitted.residual + other.whole).square().sum(-1)
+        found = []
+        for k in _apart(other.own, square.argsort().tolist(), count):
+            place = self.fitted.following(other.whole[k])
+            rest = given.minimum.position.clone()
+            for j, column in enumerate(self.given):
+                if column is not None:
+                    rest[j] = place[column]
+            found.append((float(square[k]), place[list(self.own)], other.own[k], rest))
+        return found
+
+
+def pairs(
+    fitted: Fitted, parts: Sequence[Tried], settings: TableSettings, alone: Sequence[Alone] = ()
+) -> list[Hypothesis]:
+    """The pairs that promise most: the changes of both effects added, or one where its refit alone has ended.
+
+    Far from the given model changes do not add up: an edge that is held moves every mode, and what a taper does is to
+    be seen beside it. Half of the starts are of either kind.
+    """
+    refitted = {one.part.index: one for one in alone}
     found = []
     for one, other in _combinations(parts):
         first = fitted.freed(fitted.residual + one.change)
@@ -200,10 +256,23 @@ def pairs(fitted: Fitted, parts: Sequence[Tried], settings: TableSettings) -> li
         order = square.flatten().argsort()[: 20 * settings.n_start].tolist()
         places = [(k // square.shape[1], k % square.shape[1]) for k in order]
         both = torch.stack([torch.cat([one.own[a], other.own[b]]) for a, b in places])
-        chosen = _apart(both, list(range(len(places))), settings.n_start)
+        beside = [(e, torch.cat([a, b, c])) for e, a, b, c in _beside(refitted, one, other, fitted, settings)]
+        if one is not other:
+            more = _beside(refitted, other, one, fitted, settings)
+            beside = sorted([*beside, *((e, torch.cat([b, a, c])) for e, a, b, c in more)], key=lambda start: start[0])
+        beside = beside[: settings.n_start // 2]
+        chosen = _apart(both, list(range(len(places))), settings.n_start - len(beside))
         starts = _starts(fitted, (one, other), [places[k] for k in chosen])
-        found.append(Hypothesis((one, other), starts, float(square.min())))
+        promise = min([float(square.min()), *(start[0] for start in beside)])
+        found.append(Hypothesis((one, other), torch.stack([*starts, *(start[1] for start in beside)]), promise))
     return sorted(found, key=lambda one: one.promise)
+
+
+def _beside(
+    refitted: Mapping[int, Alone], one: Tried, other: Tried, fitted: Fitted, settings: TableSettings
+) -> list[tuple[float, Tensor, Tensor, Tensor]]:
+    own = refitted.get(one.index)
+    return [] if own is None else own.beside(other, fitted, settings.n_start // 2)
 
 
 def _combinations(parts: Sequence[Tried]) -> Iterator[tuple[Tried, Tried]]:

@@ -6,11 +6,13 @@ natural frequencies are those of all dofs.
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Literal
 
 import torch
 from jaxtyping import Float
+from scipy.sparse import csr_array
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate
@@ -65,18 +67,21 @@ class Plates:
     def at(self, theta: Float[Tensor, " n_parameter"]) -> None:
         """Take the mesh error off where the given model is now, and begin a basis there."""
         if self.kind == "corrected":
-            if self._finer is None:
-                finer = dataclasses.replace(self.model.mesh, refine=2 * self.model.mesh.refine)
-                self._finer = Assembly(finer, dense=False).to(self.model.known)
-            found = extrapolate(on_mesh(self.model, self._assembly), self.top, theta, self._finer)
-            self.model = found.model
-            error = torch.zeros(self.n_mode).to(found.error)
-            count = min(self.n_mode, len(found.error))
-            error[:count] = found.error[:count].abs()
-            left = self.settings.mesh_part * error[self.mode] + self.settings.mesh_least
-            self.evidence = self.evidence.on_mesh(left * self.evidence.frequency)
+            self.model, self.evidence = self.anew(self.model, theta)
         n_mode = int(self.settings.basis_times * self.n_mode) + self.settings.basis_more
         self._modes = self._of(self.model, theta, n_mode).shape
+
+    def anew(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> tuple[PlateModel, TableEvidence]:
+        """A model whose own mesh error is taken off where it is now, and the table with what stays of it."""
+        if self._finer is None:
+            finer = dataclasses.replace(self.model.mesh, refine=2 * self.model.mesh.refine)
+            self._finer = Assembly(finer, dense=False).to(self.model.known)
+        found = extrapolate(on_mesh(model, self._assembly), self.top, theta, self._finer)
+        error = torch.zeros(self.n_mode).to(found.error)
+        count = min(self.n_mode, len(found.error))
+        error[:count] = found.error[:count].abs()
+        left = self.settings.mesh_part * error[self.mode] + self.settings.mesh_least
+        return found.model, self.evidence.on_mesh(left * self.evidence.frequency)
 
     @classmethod
     def corrected(cls, model: PlateModel, evidence: TableEvidence, settings: TableSettings) -> "Plates":
@@ -116,8 +121,14 @@ class Plates:
         theta = model.space.to_si(model.known.new_full((len(model.names),), 0.5))
         section = model.plan(theta).section
         by_element = any(part is not None and part.shape[-1] > 1 for part in section)
-        assembly = Assembly(model.mesh, stack, by_element, model.assembly.correction).to(model.known)
+        correction, patterns = model.assembly.correction, self._patterns
+        assembly = Assembly(model.mesh, stack, by_element, correction, of_mesh=patterns).to(model.known)
         return Natural(on_mesh(model, assembly), self.mode)
+
+    @functools.cached_property
+    def _patterns(self) -> list[csr_array]:
+        """What every basis on this mesh is made from."""
+        return self._assembly.patterns_everywhere()
 
     def solved(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Modes:
         """Modes of one plate in all dofs: those of the table, and the few above that it brings into a basis."""

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.diagnosis.table.comparison import Comparison, Weighed
@@ -141,28 +142,52 @@ def _prior(one: Comparison, weighed: Weighed, settings: TableSettings) -> float:
     return settings.prior_number[2] / n_pair / ways
 
 
-def draws(weighed: Weighed, freedom: float, settings: TableSettings, seed: int = 0) -> Tensor:
+def pooled(posterior: Posterior, chosen: Entry) -> dict[str, Float[Tensor, " n_draw"]]:
+    """Draws of every parameter in SI units, from all hypotheses that have the effects which are named.
+
+    Which edge, which mesh and what else may be missing beside them is as uncertain as the numbers are, and moves them.
+    Each hypothesis has as many draws as it is probable; where nothing is named, those without an effect.
+    """
+    named, settings = Counter(chosen.names), posterior.settings
+
+    def has_them(one: Entry) -> bool:
+        return all(one.names.count(name) == times for name, times in named.items()) if named else not one.names
+
+    some = [one for one in posterior.entries if has_them(one)]
+    whole = sum(one.probability for one in some)
+    found: dict[str, list[Tensor]] = defaultdict(list)
+    for one in some:
+        evidence, model = one.comparison.plates.evidence, one.weighed.model
+        count = max(round(settings.n_draw * one.probability / whole), one is chosen)
+        if count and model.names:
+            drawn = model.space.to_si(draws(one.weighed, evidence.freedom + evidence.n, count))
+            for name, own in zip(model.names, drawn.unbind(-1), strict=True):
+                found[name].append(own)
+    return {name: torch.cat(parts) for name, parts in found.items()}
+
+
+def draws(weighed: Weighed, freedom: float, count: int, seed: int = 0) -> Tensor:
     """Positions from the posterior of one hypothesis: as it was integrated, else of Student's t about its minima.
 
     Minima and their images then are each a Student t cut to the box.
     """
     if weighed.drawn is not None:
-        return sample(weighed.drawn, settings.n_draw, seed)
+        return sample(weighed.drawn, count, seed)
     generator = torch.Generator().manual_seed(seed)
     share = torch.tensor([-0.5 * one.evidence for one in weighed.minima], dtype=torch.float64).softmax(0)
     found = []
     for one, part in zip(weighed.minima, share.tolist(), strict=True):
-        count = round(part * settings.n_draw)
-        if not count or not len(one.position):
+        own = round(part * count)
+        if not own or not len(one.position):
             continue
         lower = torch.linalg.cholesky(torch.linalg.inv(one.precision))
         # Ten times as many, for those that fall outside the box.
-        normal = torch.randn(10 * count, len(one.position), generator=generator, dtype=torch.float64)
-        scale = _chi(freedom, 10 * count, generator)
-        image = one.images[torch.randint(len(one.images), (10 * count,), generator=generator)]
+        normal = torch.randn(10 * own, len(one.position), generator=generator, dtype=torch.float64)
+        scale = _chi(freedom, 10 * own, generator)
+        image = one.images[torch.randint(len(one.images), (10 * own,), generator=generator)]
         # A mirror image has the covariance of the place itself but for signs, which marginals do not see.
         place = image + (normal @ lower.mT) / (scale / freedom).sqrt()[:, None]
-        inside = place[((place >= 0) & (place <= 1)).all(-1)][:count]
+        inside = place[((place >= 0) & (place <= 1)).all(-1)][:own]
         found.append(inside if len(inside) else one.position[None])
     return torch.cat(found) if found else weighed.best.position[None]
 

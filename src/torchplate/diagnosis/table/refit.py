@@ -30,6 +30,8 @@ Prior = Mapping[str, tuple[float, float]]
 # A parameter this near to an end of its interval is on it, on the unit cube: rounding.
 ON_BOUND = 1e-6
 NOTHING_USUAL = Usual()
+# What a plate turned over has at 1 − u on the unit cube, along x and along y: places, and slopes from −a to a.
+AXES = {"x": "y", "slope_x": "slope_y"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +63,11 @@ class Minimum:
     evidence: float
     n_effective: float
     predicted: Float[Tensor, " n_mode"]
+
+    def is_near(self, place: Float[Tensor, " n"], limit: float) -> bool:
+        """Whether a place, or an image of this one, is within a squared distance in the posterior's metric."""
+        off = self.images - place
+        return bool(((off @ self.precision) * off).sum(-1).min() < limit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,11 +162,28 @@ class Problem:
             if any(self._same(one, place) for one in kept):
                 continue
             kept.append(self.minimum(place, turns))
+        if turns is None:
+            # A mirror image that is nearly the same plate, but for its wires, is a minimum of its own.
+            others = self._nearly_alike(kept[0])
+            ends = _descended(residual, jacobian, others, settings.n_first).position if len(others) else others
+            for one in map(self.minimum, ends):
+                if one.peak < kept[0].peak + settings.far and not any(self._same(end, one.position) for end in kept):
+                    kept.append(one)
         return sorted(kept, key=lambda one: one.evidence)
 
+    def _nearly_alike(self, one: Minimum) -> Float[Tensor, "n_image n"]:
+        """Mirror images of a minimum that are not the same plate, and not far above it."""
+        turned = [place for k, place in enumerate(self.turned(one.position)) if k not in one.turns]
+        places = torch.stack(turned) if turned else one.position.new_zeros(0, len(one.position))
+        if not turned:
+            return places
+        off = self.evidence.residual(self.natural.frequency(places)).square().sum(-1)
+        cost = self.evidence.minus_two_log_likelihoods(off) + self.deviations(places).square().sum(-1)
+        near = cost < one.peak + self.settings.far
+        return places[near & torch.tensor([not self._same(one, place) for place in places])]
+
     def _same(self, one: Minimum, place: Tensor) -> bool:
-        off = one.images - place
-        return bool(((off @ one.precision) * off).sum(-1).min() < self.settings.same)
+        return one.is_near(place, self.settings.same)
 
     def minimum(self, position: Float[Tensor, " n"], turns: tuple[int, ...] | None = None) -> Minimum:
         """What there is to say of a minimum at this place, its mirror images known or looked for."""
@@ -220,19 +244,25 @@ class Problem:
         return every[nearest, torch.arange(len(position))]
 
     def turned(self, position: Float[Tensor, "*batch n"]) -> list[Tensor]:
-        """The position with all places mirrored in every way; on a square across the diagonal too."""
-        names = self.natural.model.names
-        along = [k for k, name in enumerate(names) if name.endswith(".x") and f"{name[:-1]}y" in names]
-        across = [names.index(f"{names[k][:-1]}y") for k in along]
+        """The position with all places and slopes mirrored in every way; on a square across the diagonal too."""
+        names, space, mesh = self.natural.model.names, self.natural.model.space, self.natural.model.mesh
+        along, across = [], []
+        for k, name in enumerate(names):
+            label, _, key = name.rpartition(".")
+            if key in AXES and f"{label}.{AXES[key]}" in names:
+                along.append(k)
+                across.append(names.index(f"{label}.{AXES[key]}"))
+        longer = [k for k, name in enumerate(names) if name.endswith(".aspect")]
         if not along:
             return []
         found = []
-        mesh = self.natural.model.mesh
         for swapped in (False, True) if mesh.length_x == mesh.length_y else (False,):
             for over_x, over_y in ((False, False), (True, False), (False, True), (True, True)):
                 image = position.clone()
                 if swapped:
                     image[..., along], image[..., across] = position[..., across], position[..., along]
+                    # What is longer along x is then longer along y.
+                    image[..., longer] = space.to_cube(1 / space.to_si(position))[..., longer]
                 if over_x:
                     image[..., along] = 1 - image[..., along]
                 if over_y:
@@ -265,6 +295,7 @@ def _descended(residual: Residual, jacobian: Residual, starts: Tensor, n_iterati
         n_iteration=n_iteration,
         objective_tolerance=1e-4,
         step_tolerance=1e-5,
+        jacobian_at_end=False,
     )
 
 

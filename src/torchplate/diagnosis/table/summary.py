@@ -10,7 +10,7 @@ from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Location, Name
 from torchplate.diagnosis.table.comparison import Comparison, Weighed
 from torchplate.diagnosis.table.found import Found, compared_on, same_on
 from torchplate.diagnosis.table.naming import as_named, finer_mesh
-from torchplate.diagnosis.table.posterior import Entry, draws
+from torchplate.diagnosis.table.posterior import Entry, pooled
 from torchplate.diagnosis.table.remarks import all_remarks, missing_still
 from torchplate.notation import percent
 
@@ -53,11 +53,11 @@ def summarise(found: Found, seconds: float) -> Diagnosis:
 def _estimates(found: Found, chosen: Entry) -> dict[str, Estimate]:
     """Every parameter with its standard deviation and 90 % interval."""
     weighed = chosen.weighed
-    model, place, evidence = weighed.model, weighed.best.position, chosen.comparison.plates.evidence
+    model, place = weighed.model, weighed.best.position
     if not model.names:
         return {}
-    drawn = model.space.to_si(draws(weighed, evidence.freedom + evidence.n, found.settings))
-    low, high = (drawn.quantile(end, dim=0).tolist() for end in ENDS)
+    drawn = pooled(found.posterior, chosen)
+    low, high = ([float(drawn[name].quantile(end)) for name in model.names] for end in ENDS)
     covariance = torch.linalg.inv(weighed.best.precision).diagonal()
     step = 1e-6
     slope = ((model.space.to_si(place + step) - model.space.to_si(place - step)) / (2 * step)).abs()

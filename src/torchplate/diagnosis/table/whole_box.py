@@ -9,6 +9,7 @@ A plate that is symmetric is the same plate with its places mirrored. The basis 
 members are taken to the mirror image that lies nearest to it.
 """
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -19,12 +20,15 @@ from torchplate.diagnosis.integral import Integral, Peak, integrate
 from torchplate.diagnosis.table.refit import Minimum, Problem
 
 
-def over_the_box(problem: Problem, minima: Sequence[Minimum], seed: int = 0) -> Integral:
+def over_the_box(
+    problem: Problem, minima: Sequence[Minimum], others: Sequence[Minimum] = (), seed: int = 0
+) -> Integral:
     """−2 ln Z of a hypothesis, and draws of all its parameters on the unit cube.
 
     Args:
         problem: in whose basis the minima are right.
         minima: the best first.
+        others: minima of the same hypothesis in other bases: what is nearest to one of them is not this one's.
         seed: of the draws.
     """
     generator = torch.Generator().manual_seed(seed)
@@ -39,13 +43,24 @@ def over_the_box(problem: Problem, minima: Sequence[Minimum], seed: int = 0) -> 
     def cost(some: Tensor) -> Tensor:
         whole = best.repeat(len(some), 1)
         whole[:, free] = some
-        return problem.cost(problem.nearest_image(whole, minima[0]))
+        found = whole.new_full((len(whole),), math.inf)
+        own = _away(whole, near) <= _away(whole, others)
+        if bool(own.any()):
+            found[own] = problem.cost(problem.nearest_image(whole[own], minima[0]))
+        return found
 
     found = integrate(cost, peaks, generator, problem.settings.drawing)
     places = torch.rand(len(found.places), len(best), generator=generator, dtype=torch.float64).to(best)
     # What neither the table nor anything else says something of is anywhere.
     places[:, free] = found.places
     return found._replace(places=places)
+
+
+def _away(places: Float[Tensor, "n_draw n"], minima: Sequence[Minimum]) -> Float[Tensor, " n_draw"]:
+    """Distance of each place from the nearest of some minima and their images."""
+    if not minima:
+        return places.new_full((len(places),), math.inf)
+    return torch.cdist(places, torch.cat([one.images for one in minima])).amin(-1)
 
 
 def _turns_of(problem: Problem, one: Minimum) -> list[Float[Tensor, "n n"]]:
