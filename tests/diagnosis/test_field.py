@@ -12,6 +12,7 @@ from torchplate.diagnosis.field.infer import infer_field, with_field
 from torchplate.diagnosis.field.strength import Products, _solved, cross_validated, forms, solved
 from torchplate.diagnosis.result import Diagnosis, Gap, Location
 from torchplate.diagnosis.settings import SETTINGS
+from torchplate.diagnosis.target import FrfTarget
 from torchplate.plate import Mesh
 
 SILENT = {"say": lambda _: None}
@@ -169,6 +170,22 @@ def test_a_mass_is_found_as_a_mass_at_its_place(lab, scene, inferred):
     assert found.unit == "kg"
     assert found.total == pytest.approx(0.25, rel=0.3)
     assert found.gap_after < 0.5 * found.gap_before
+
+
+@pytest.mark.check
+def test_a_field_that_leaves_the_gap_is_said_to_and_not_shown(scene, monkeypatch):
+    """The log said that a field takes half of the misfit, and the report that none takes more than a little."""
+    monkeypatch.setattr(FrfTarget, "gap", lambda *_: torch.tensor(0.4))
+    inferred = infer_field(scene.builder, scene.fit, {}, **SILENT)
+    given = Diagnosis(
+        "unexplained", (), Gap(0.4, 0.4, None, None, 0.01), Location((), (), {}, None), (), (), ("left",), (), (), {},
+        scene.builder.given, None,
+    )  # fmt: skip
+    monkeypatch.setattr("torchplate.diagnosis.field.infer.infer_field", lambda *_: inferred)
+    found = with_field(given, scene.builder, scene.fit, {}, **SILENT)
+    assert found.field is None
+    assert "A field of mass would take" in found.missing[1]
+    assert "leaves the gap at 40 % where it is 40 %" in found.missing[1]
 
 
 @pytest.mark.check

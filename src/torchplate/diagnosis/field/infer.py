@@ -21,7 +21,7 @@ from torch import Tensor
 from torchplate.diagnosis.field.descent import FieldDescent, Place, inflated, part_left, thinned
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.grid import Grid
-from torchplate.diagnosis.field.told import as_found
+from torchplate.diagnosis.field.told import as_found, no_field
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
@@ -38,6 +38,12 @@ class Inferred(NamedTuple):
 
     found: FoundField
     model: PlateModel
+
+
+class NoField(NamedTuple):
+    """Why a field that predicts FRFs left out is not told, in a sentence."""
+
+    sentence: str
 
 
 class _Kind(NamedTuple):
@@ -68,16 +74,17 @@ def with_field(
     began = time.monotonic()
     inferred = infer_field(builder, fit, prior, say)
     seconds, n_evaluation = diagnosis.seconds + time.monotonic() - began, builder.n_evaluation
-    if inferred is None:
-        more = ("No field of stiffness, mass, loss or support takes off more than a little of what is left.",)
-        return replace(diagnosis, missing=diagnosis.missing + more, seconds=seconds, n_evaluation=n_evaluation)
+    if inferred is None or isinstance(inferred, NoField):
+        little = "No field of stiffness, mass, loss or support takes off more than a little of what is left."
+        more = little if inferred is None else inferred.sentence
+        return replace(diagnosis, missing=(*diagnosis.missing, more), seconds=seconds, n_evaluation=n_evaluation)
     found, model = inferred
     return replace(diagnosis, field=found, model=model, seconds=seconds, n_evaluation=n_evaluation)
 
 
 @torch.no_grad()
-def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[str], None]) -> Inferred | None:
-    """The field that is missing in a model; None where none helps.
+def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[str], None]) -> Inferred | NoField | None:
+    """The field that is missing in a model; None where none helps, and why where it does so only in part.
 
     Args:
         builder: makes and evaluates models beside the evidence.
@@ -179,7 +186,7 @@ def _among_images(one: _Kind, part: float, n_eff: float) -> tuple[_Kind, list[Te
 
 def _told(
     builder: ModelBuilder, fit: Fit, one: _Kind, others: list[Tensor], probability: Mapping[str, float], n_few: int
-) -> Inferred | None:
+) -> Inferred | NoField | None:
     """The field on all lines, if it helps there too."""
     model, place, target = one.descent.model, one.place, builder.target
     theta = model.base.space.to_si(place.position)
@@ -192,9 +199,11 @@ def _told(
             gap = float(target.gap(read, heldout))
             gaps.append(None if math.isnan(gap) else gap)
     before, after = (gaps[2], gaps[3]) if gaps[2] is not None else (gaps[0], gaps[1])
-    if before is None or after is None or after > (1 - target.settings.inferring.helps) * before:
+    if before is None or after is None:
         return None
     assert place.chosen is not None
+    if after > (1 - target.settings.inferring.helps) * before:
+        return NoField(no_field(model.kind, 1 - place.chosen.error / place.chosen.without, before, after))
     found = as_found(model, place, others, probability, gaps, target, n_few)
     known = builder.finished(model.whole, every)
     own = {name: value for name, value in known.known_values.items() if not name.startswith(f"{model.label}.")}

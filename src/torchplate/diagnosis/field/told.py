@@ -55,6 +55,22 @@ def as_found(
     return replace(found, sentences=tuple(_sentences(found, n_frf, target)))
 
 
+def no_field(kind: str, part: float, before: float, after: float) -> str:
+    """Why a field that predicts FRFs left out is none: it does not take off their gap what it takes off their misfit.
+
+    Args:
+        kind: of the best one.
+        part: that it takes off the mean square of FRFs left out, weighed by noise and level around each line [-].
+        before: the gap of FRFs that no fit saw, or of the fitted ones where there are none.
+        after: likewise with it.
+    """
+    return (
+        f"A field of {WORDS[kind]} would take {percent(part)} off the weighed misfit of FRFs left out in turn, "
+        f"which counts troughs like peaks, and leaves the gap at {percent(after)} where it is {percent(before)}: too "
+        "little to be shown."
+    )
+
+
 def _pair(place: Tensor) -> tuple[float, float]:
     return float(place[0]), float(place[1])
 
