@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from torchplate.diagnosis import SETTINGS, line_step
+from torchplate.diagnosis import SETTINGS
+from torchplate.diagnosis.target import FrfTarget
 from torchplate.measurement import Channel, Measurement, Noise
 from torchplate.measurement.assessment.resonances import Resonances
 
@@ -28,22 +29,28 @@ def noise_of(test: Measurement, n_resonance: int | None) -> Noise:
 
 
 @pytest.mark.parametrize(
-    ("n_line", "n_reference", "n_resonance", "step"),
+    ("n_line", "n_reference", "n_resonance", "n_mode", "step"),
     [
-        (300, 10, 12, 1),
-        (677, 15, 16, 3),
-        (3200, 6, 16, 4),
-        (3200, 121, 16, 20),
-        # Ten for each resonance are kept, and as many as forty need where none is known.
-        (677, 15, 30, 2),
-        (3200, 121, 60, 5),
-        (3200, 121, None, 8),
-        (3200, 121, 0, 8),
+        (300, 10, 12, 12, 1),
+        (677, 15, 16, 16, 3),
+        (3200, 6, 16, 16, 4),
+        (3200, 121, 16, 16, 20),
+        # Ten for each mode are kept, and as many as forty need where no resonance is known.
+        (677, 15, 30, 30, 2),
+        (3200, 121, 60, 60, 5),
+        (3200, 121, None, 16, 8),
+        (3200, 121, 0, 16, 8),
+        # Records that drift have each mode at two frequencies; and of some modes there is nothing to see.
+        (520, 32, 39, 20, 2),
+        (520, 32, 13, 40, 4),
     ],
 )
-def test_as_many_numbers_are_looked_at_as_any_test_counts(n_line, n_reference, n_resonance, step):
+def test_as_many_numbers_are_looked_at_as_any_test_counts(n_line, n_reference, n_resonance, n_mode, step):
     test = a_test(n_line, n_reference)
-    assert line_step(test, noise_of(test, n_resonance)) == step
+    target = FrfTarget(test, noise_of(test, n_resonance), torch.zeros_like(test.measured))
+    found = target.thinned(n_mode)
+    assert torch.equal(found.frequency, test.frequency[::step])
+    assert found.noise.std.shape[0] == len(found.frequency)
 
 
 def test_no_test_counts_more_numbers():

@@ -11,11 +11,10 @@ from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.selection.criterion import is_explained
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.trace import Trace
-from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.summary import summarise
 from torchplate.diagnosis.table import diagnose_table
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies, Noise, noise_level
+from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies, noise_level
 from torchplate.model import PlateModel
 
 
@@ -58,12 +57,11 @@ def diagnose(
         return diagnose_table(model.on("cpu"), natural_frequencies.to("cpu"), tolerance=tolerance, say=say)
     began, model, measurement = time.monotonic(), model.on("cpu"), measurement.to("cpu")
     noise = noise_level(measurement, n_average)
-    if (step := line_step(measurement, noise)) > 1:
-        measurement, noise = measurement.every(step), noise.every(step)
     target = FrfTarget(
         measurement, noise, held_out(measurement.measured, seed), gain_is_unknown, imperfections or Imperfections()
     )
     selection = ForwardSelection.of(model, target, dict(tolerance or {}), say)
+    noise = selection.builder.target.noise
     baseline = selection.baseline()
     if (own := selection.on_the_given_mesh(baseline)) is not None:
         selection, state = own
@@ -81,18 +79,3 @@ def diagnose(
     if found.verdict in ("consistent", "explained") or is_explained(state.fit, selection.builder.target):
         return found
     return with_field(found, selection.builder, state.fit, selection.prior, say)
-
-
-def line_step(measurement: Measurement, noise: Noise) -> int:
-    """Of how many lines one is looked at.
-
-    Args:
-        measurement: all lines.
-        noise: what these say of it, and of their resonances.
-    """
-    lines = SETTINGS.lines
-    n = len(measurement.frequency)
-    numbers = 2 * n * len(measurement.pairs)
-    found = 0 if noise.resonances is None else int(noise.resonances.resonates.sum())
-    least = lines.per_mode * found or lines.least
-    return max(1, min(-(-numbers // lines.most_numbers), n // least))

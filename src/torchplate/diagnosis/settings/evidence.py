@@ -49,8 +49,8 @@ class Lines:
     Args:
         most_numbers: real numbers of all FRFs together, at most [-]: as many as any test counts as
             (`Comparison.misspecified`).
-        per_mode: lines that are kept for each resonance in the band in any case [-]: of each a frequency, a damping and
-            a deflection are asked for, and what is between them.
+        per_mode: lines that are kept for each mode in the band in any case [-]: of each a frequency, a damping and a
+            deflection are asked for, and what is between them.
         least: lines that are kept where nothing is known of the resonances [-]: ten for each of forty.
     """
 
