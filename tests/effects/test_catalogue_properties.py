@@ -34,6 +34,8 @@ THETA = torch.zeros(0, dtype=torch.float64)
 # Rounding of two eigenproblems: 1e-16 times the highest eigenvalue over the first, 1e5 on these meshes, times a
 # resonance's 100. A hole has a hundred millionth of the mass, and so higher ones.
 SAME = 1e-8
+# Of a sum over some hundred modes that cancel to a hundredth between resonances: 10⁴ times that of a number.
+ROUNDING = 1e-12
 # The mesh whose labels the examples speak of.
 CELLS = (5, 4)
 POINTS = [(0.13, 0.2), (0.55, 0.91), (0.8, 0.37)]
@@ -240,7 +242,8 @@ def test_the_modal_sum_is_the_direct_solve_wherever_a_search_looks(effect, examp
 def test_channels_in_another_order_are_the_same_channels(effect, example, data, order) -> None:
     case = Case(effect, example.options, data.draw(numbers(effect, example)))
     other = replace(case, response=tuple(case.response[k] for k in order), reference=case.reference[::-1])
-    assert torch.equal(other.frf(), case.frf()[:, list(order)].flip(-1))
+    # Some processors add in another order where a channel stands elsewhere among the others.
+    assert distance(other.frf(), case.frf()[:, list(order)].flip(-1)) < ROUNDING
 
 
 # Powers of kilogram, metre and second.
