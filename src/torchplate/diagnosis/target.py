@@ -96,19 +96,6 @@ class FrfTarget:
         """The same with these FRFs held out."""
         return self._but(heldout=heldout)
 
-    def thinned(self, n_mode: int) -> "FrfTarget":
-        """The same at every second, third, ... line, where all of them say no more.
-
-        Args:
-            n_mode: modes of the model in the band: ten lines are kept for each, or for each resonance that was found,
-                which drifts from record to record may have doubled.
-        """
-        lines, n = self.settings.lines, len(self.frequency)
-        seen = 0 if self.noise.resonances is None else int(self.noise.resonances.resonates.sum())
-        least = lines.per_mode * min(seen, n_mode) or lines.least
-        wanted = -(-2 * n * len(self.measurement.pairs) // lines.most_numbers)
-        return self.every(max(1, min(wanted, n // least)))
-
     def every(self, step: int) -> "FrfTarget":
         """The same at every `step`-th line, the first among them."""
         if step == 1:
