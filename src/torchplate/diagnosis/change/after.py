@@ -89,7 +89,10 @@ class After(Hypotheses):
             # A drift is put in once what has changed is nearly where it belongs: before, it would stand in for it.
             # Channels that have taken on what a drift leaves hold it where it is: it is gone on from both.
             begun_at = [best, *self._drifting(one, best)]
-            ended = [self._sharply(one, end.place, end.channels, end.drift, drifts=True) for end in begun_at]
+            ended: list[End] = []
+            for end in begun_at:
+                beat = min((other.held for other in ended), default=math.inf)
+                ended.append(self._sharply(one, end.place, end.channels, end.drift, drifts=True, beat=beat))
             best = min(ended, key=lambda end: end.fit.cost)
         if not names:
             return self._ended(best)
@@ -141,6 +144,7 @@ class After(Hypotheses):
         drift: Float[Tensor, " n_drift"] | None = None,
         hopeless: float = math.inf,
         drifts: bool = False,
+        beat: float = math.inf,
     ) -> "End":
         """Least squares beside nuisances as they are, then these anew beside what has changed, in turns.
 
@@ -156,6 +160,7 @@ class After(Hypotheses):
             drift: of the plate since the reference; None for none.
             hopeless: misfit from which on a way is not followed to its end [-].
             drifts: whether the drift is to settle.
+            beat: −2 ln p of another end: a drift that settles too slowly to get there need not.
         """
         target, fitting = self.builder.target, self.builder.target.settings.fitting
         here = self._judged(one, place, channels, drift)
@@ -172,7 +177,7 @@ class After(Hypotheses):
             if here.fit.reduced_misfit > hopeless:
                 break
             fallen = before - here.fit.cost
-            here = self._resting(one, here) if drifts else self._settled(one, here)
+            here = self._resting(one, here, beat) if drifts else self._settled(one, here)
             if fallen < fitting.little:
                 break
         return here
@@ -185,30 +190,35 @@ class After(Hypotheses):
                 break
         return here
 
-    def _resting(self, one: Hypothesis, here: "End") -> "End":
-        """The same about a drift and channels that are most probable together.
+    def _resting(self, one: Hypothesis, here: "End", beat: float = math.inf) -> "End":
+        """The same about a drift and channels that are most probable together; `beat` is that of `_rested`.
 
         Where no step from there is taken, from a drift of all modes that is a standard deviation less and more, too.
         """
-        found = self._rested(one, here)
+        found = self._rested(one, here, beat)
         if found.held < here.held or not one.n_drift:
             return found
         beside = torch.zeros_like(here.put_in)
         beside[0] = 1.0
-        ends = [
-            self._rested(one, self._judged(one, here.place, here.at_their_marks, here.put_in + sign * beside))
-            for sign in (-1, 1)
-        ]
-        return min(found, *ends, key=lambda end: end.held)
+        for sign in (-1, 1):
+            there = self._judged(one, here.place, here.at_their_marks, here.put_in + sign * beside)
+            found = min(found, self._rested(one, there, min(beat, found.held)), key=lambda end: end.held)
+        return found
 
-    def _rested(self, one: Hypothesis, here: "End") -> "End":
-        """The same from one place, by Levenberg's steps."""
+    def _rested(self, one: Hypothesis, here: "End", beat: float = math.inf) -> "End":
+        """The same from one place, by Levenberg's steps, until it rests.
+
+        Args:
+            one: the hypothesis.
+            here: where from.
+            beat: −2 ln p of another end: a way that falls too slowly to get there is left.
+        """
         settings, fitting = self.reference.settings, self.builder.target.settings.fitting
         here, damping = self._judged(one, here.place, here.channels or here.at_their_marks, here.put_in), 0.0
         held = here.held
         for _ in range(settings.n_settled):
             before, lowest = here, held
-            for _ in range(settings.n_settled):
+            for _ in range(settings.n_damped):
                 drift, channels = before.marginal.towards(before.off, damping)
                 channels = None if channels is None else channels.within(fitting.farthest)
                 there = self._judged(one, before.place, channels, drift)
@@ -216,7 +226,8 @@ class After(Hypotheses):
                     here, held, damping = there, there_held, 0.1 * damping if damping > 1 else 0.0
                     break
                 damping = max(1.0, 10 * damping)
-            if lowest - held < fitting.little:
+            fallen = lowest - held
+            if fallen < fitting.little or held - fitting.hoped * fallen > beat:
                 break
         return here
 
