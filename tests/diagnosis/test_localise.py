@@ -185,7 +185,9 @@ def test_channels_carry_their_gaps_before_and_after(lab):
     case = Case(lab, hide("sensor_gain", {"gain": 1.1}))
     case.heldout[1, 4] = True
     after = case.predicted * 1.05
-    found = channel_gaps(case.measured, case.std, case.predicted, after, case.heldout)
+    found = channel_gaps(
+        case.measured, case.std, case.predicted, after, case.heldout, torch.ones_like(case.measured.frequency)
+    )
     assert len(found) == 20
     assert [one.before for one in found] == sorted((one.before for one in found), reverse=True)
     for one in found:

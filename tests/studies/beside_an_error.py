@@ -27,7 +27,6 @@ from torchplate.cli.config.build import load_run
 from torchplate.cli.config.plate_test import plate_test
 from torchplate.diagnosis import PlateTest
 from torchplate.diagnosis.fit import fit
-from torchplate.diagnosis.flow import line_step
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.selection.criterion import choose, evidence, weight_of
 from torchplate.diagnosis.selection.forward import ForwardSelection
@@ -72,8 +71,6 @@ def beside_an_inflated_error(test: PlateTest) -> tuple[ForwardSelection, State]:
     """The given model, weighed by what it leaves."""
     assert test.measurement is not None
     measurement, noise = test.measurement, noise_level(test.measurement, test.n_average)
-    if (step := line_step(measurement)) > 1:
-        measurement, noise = measurement.every(step), noise.every(step)
     none = torch.zeros_like(measurement.measured)
     target = FrfTarget(measurement, noise, none, test.gain_is_unknown, test.imperfections or Imperfections())
     selection = ForwardSelection.of(test.model, target, test.tolerance, lambda _: None)

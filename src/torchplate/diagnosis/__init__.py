@@ -25,7 +25,7 @@
 from torchplate.diagnosis.assurance import csac_by_line, csf_by_line, fdac, fdac_frequency, frac_by_channel
 from torchplate.diagnosis.candidates.catalogue import channels_of
 from torchplate.diagnosis.change import PlateTest, what_changed
-from torchplate.diagnosis.flow import diagnose, line_step
+from torchplate.diagnosis.flow import diagnose
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import (
     FIRST_REFIT,
@@ -73,6 +73,5 @@ __all__ = [
     "fdac_frequency",
     "fitted_table",
     "frac_by_channel",
-    "line_step",
     "what_changed",
 ]

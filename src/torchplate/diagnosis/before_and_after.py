@@ -75,6 +75,7 @@ def location_of(target: FrfTarget, before: Fit, after: Fit) -> Location:
         before.theta,
         target.heldout,
         after=after.prediction,
+        share=target.share,
     )
 
 

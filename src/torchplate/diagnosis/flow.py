@@ -11,7 +11,6 @@ from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.selection.criterion import is_explained
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.trace import Trace
-from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.summary import summarise
 from torchplate.diagnosis.table import diagnose_table
 from torchplate.diagnosis.target import FrfTarget
@@ -58,12 +57,11 @@ def diagnose(
         return diagnose_table(model.on("cpu"), natural_frequencies.to("cpu"), tolerance=tolerance, say=say)
     began, model, measurement = time.monotonic(), model.on("cpu"), measurement.to("cpu")
     noise = noise_level(measurement, n_average)
-    if (step := line_step(measurement)) > 1:
-        measurement, noise = measurement.every(step), noise.every(step)
     target = FrfTarget(
         measurement, noise, held_out(measurement.measured, seed), gain_is_unknown, imperfections or Imperfections()
     )
     selection = ForwardSelection.of(model, target, dict(tolerance or {}), say)
+    noise = selection.builder.target.noise
     baseline = selection.baseline()
     if (own := selection.on_the_given_mesh(baseline)) is not None:
         selection, state = own
@@ -81,11 +79,3 @@ def diagnose(
     if found.verdict in ("consistent", "explained") or is_explained(state.fit, selection.builder.target):
         return found
     return with_field(found, selection.builder, state.fit, selection.prior, say)
-
-
-def line_step(measurement: Measurement) -> int:
-    """Of how many lines one is looked at."""
-    lines = SETTINGS.lines
-    n = len(measurement.frequency)
-    numbers = 2 * n * len(measurement.pairs)
-    return max(1, min(-(-numbers // lines.most_numbers), n // lines.least))

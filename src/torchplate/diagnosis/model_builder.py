@@ -256,6 +256,14 @@ class ModelBuilder:
         self.count(theta.shape[:-1].numel())
         return self.target.predict(model, theta, level)
 
+    def thinned(self, found: Extrapolated) -> "ModelBuilder":
+        """The same beside so many lines as the target says anything by.
+
+        Args:
+            found: a model of this builder, with natural frequencies.
+        """
+        return self.against(self.target.thinned(int((found.frequency <= self.top).sum())))
+
     def expecting(self, found: Extrapolated) -> "ModelBuilder":
         """The same, its target weighed by what this mesh leaves of its error.
 

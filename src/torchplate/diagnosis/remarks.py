@@ -43,6 +43,7 @@ def missing_still(builder: ModelBuilder, noise: Noise, final: State, verdict: Ve
         final.fit.reduced,
         final.fit.theta,
         target.heldout,
+        share=target.share,
     )
     expected = target.expected_gap(final.fit.reduced, final.fit.theta, final.fit.marginal)
     size = (

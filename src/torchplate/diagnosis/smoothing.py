@@ -46,12 +46,14 @@ class Smoothing:
         measured: the FRFs.
         resonances: of them; None where none are known.
         settings: of the wide levels.
+        share: lines that each line stands for [-].
     """
 
     frequency: Float[Tensor, " n_frequency"]
     measured: Complex[Tensor, "n_frequency n_response n_reference"]
     resonances: Resonances | None
     settings: WideLevels
+    share: Float[Tensor, " n_frequency"]
 
     @functools.cached_property
     def levels(self) -> tuple[Level, ...]:
@@ -61,7 +63,7 @@ class Smoothing:
     @functools.cached_property
     def around(self) -> Float[Tensor, "n_frequency n_response n_reference"]:
         """Mean square of each FRF around each line."""
-        return self._around(self.frequency, self.measured)
+        return self._around(self.frequency, self.measured, self.share)
 
     def _level(self, width: float) -> Level:
         frequency = self._centres(width)
@@ -71,16 +73,19 @@ class Smoothing:
             measured = (kernel.to(self.measured) @ self.measured.flatten(1)).unflatten(1, self.measured.shape[1:])
         else:
             measured = self.resonances.at(frequency, decay).to(self.measured)
-        power = self._around(frequency, measured)
+        power = self._around(frequency, measured, torch.ones_like(frequency))
         scale = 1 / (power + 1e-3 * power.mean(0)).sqrt().clamp(min=1e-300)
         return Level(frequency, decay, measured, scale)
 
     def _around(
-        self, frequency: Float[Tensor, " n_line"], frf: Complex[Tensor, "n_line n_response n_reference"]
+        self,
+        frequency: Float[Tensor, " n_line"],
+        frf: Complex[Tensor, "n_line n_response n_reference"],
+        share: Float[Tensor, " n_line"],
     ) -> Float[Tensor, "n_line n_response n_reference"]:
         step = frequency.diff().median() if len(frequency) > 1 else frequency.new_ones(())
         width = self.settings.around * frequency[:, None] + float(step)
-        weight = torch.exp(-0.5 * ((frequency[:, None] - frequency) / width).square())
+        weight = share * torch.exp(-0.5 * ((frequency[:, None] - frequency) / width).square())
         mean = (weight / weight.sum(-1, keepdim=True)) @ frf.abs().square().flatten(1)
         return mean.unflatten(1, frf.shape[1:])
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import torch
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from torchplate.diagnosis.freed_memory import hand_back
@@ -61,6 +61,7 @@ class FrfTarget:
         n_modal: numbers that what is left says, where it is not noise.
         trusts_the_noise: residuals are weighed by the noise, and not by what the model as such leaves.
         independent: of the numbers, the part that is independent [-].
+        stands_for: lines of what was measured that each stands for [-]; None where each stands for itself.
         by_noise: the same with residuals weighed by the noise, where they are not here; None where they are.
     """
 
@@ -78,6 +79,7 @@ class FrfTarget:
     n_modal: float = 2.0
     trusts_the_noise: bool = True
     independent: float = 1.0
+    stands_for: Float[Tensor, " n_frequency"] | None = None
     by_noise: "FrfTarget | None" = None
 
     @property
@@ -96,13 +98,48 @@ class FrfTarget:
         """The same with these FRFs held out."""
         return self._but(heldout=heldout)
 
+    def thinned(self, n_mode: int) -> "FrfTarget":
+        """The same at fewer lines, where all of them say no more: evenly over the band, and about the peaks.
+
+        Args:
+            n_mode: modes of the model in the band: ten lines are kept for each, or for each resonance that was found,
+                which drifts from record to record may have doubled.
+        """
+        lines, n, resonances = self.settings.lines, len(self.frequency), self.noise.resonances
+        seen = 0 if resonances is None else int(resonances.resonates.sum())
+        least = lines.per_mode * min(seen, n_mode) or lines.least
+        wanted = max(least, lines.most_numbers // (2 * len(self.measurement.pairs)))
+        if wanted >= n:
+            return self
+        if resonances is None or not seen:
+            return self.every(n // wanted)
+        return self.at_lines(resonances.spread(self.frequency, wanted))
+
     def every(self, step: int) -> "FrfTarget":
         """The same at every `step`-th line, the first among them."""
-        if step == 1:
+        return self if step == 1 else self.at_lines(torch.arange(0, len(self.frequency), step))
+
+    def at_lines(self, index: Int[Tensor, " n_kept"]) -> "FrfTarget":
+        """The same at some of the lines, each of which stands for those that are nearer to it than to another."""
+        if len(index) == len(self.frequency):
             return self
-        shift, variance = (None if one is None else one[::step] for one in (self.mesh_shift, self.model_variance))
-        lines = self.measurement.every(step), self.noise.every(step)
-        return replace(self, measurement=lines[0], noise=lines[1], mesh_shift=shift, model_variance=variance)
+        shift, variance = (None if one is None else one[index] for one in (self.mesh_shift, self.model_variance))
+        between = 0.5 * (self.frequency[index[1:]] + self.frequency[index[:-1]])
+        share = torch.zeros(len(index)).to(self.frequency)
+        share.index_add_(0, torch.searchsorted(between, self.frequency), self.share)
+        return replace(
+            self,
+            measurement=self.measurement.at_lines(index),
+            noise=self.noise.at_lines(index),
+            mesh_shift=shift,
+            model_variance=variance,
+            stands_for=share,
+        )
+
+    @property
+    def share(self) -> Float[Tensor, " n_frequency"]:
+        """Of what was measured, the lines that each stands for [-]."""
+        return torch.ones_like(self.frequency) if self.stands_for is None else self.stands_for
 
     def turned(self, sign: Float[Tensor, "n_response n_reference"]) -> "FrfTarget":
         """The same with some FRFs read the other way round.
@@ -155,7 +192,7 @@ class FrfTarget:
     @functools.cached_property
     def smoothing(self) -> Smoothing:
         """Of the wide levels."""
-        return Smoothing(self.frequency, self.measurement.frf, self.noise.resonances, self.settings.wide)
+        return Smoothing(self.frequency, self.measurement.frf, self.noise.resonances, self.settings.wide, self.share)
 
     @functools.cached_property
     def _mix(self) -> Complex[Tensor, "n_fitted n_mixed"]:
@@ -422,8 +459,9 @@ class FrfTarget:
         """
         if self.by_noise is not None:
             return self.by_noise.expected_gap(model, theta, self.by_noise.marginal(as_it_is_meant(model), theta))
-        size = self.measured.abs().square().sum(0).clamp(min=1e-300)
-        each = (marginal.power().sum(0) / size).sqrt()
+        share = self.share[:, None, None]
+        size = (share * self.measured.abs().square()).sum(0).clamp(min=1e-300)
+        each = ((share * marginal.power()).sum(0) / size).sqrt()
         return float(each[self.fitted].mean())
 
     def gap(self, prediction: Tensor, heldout: bool = False) -> Tensor:
@@ -443,5 +481,6 @@ class FrfTarget:
 
     def gaps(self, prediction: Tensor) -> Float[Tensor, "*batch n_response n_reference"]:
         """The gap of each FRF."""
-        size = self.measured.norm(dim=0).clamp(min=1e-300)
-        return (self.measured - prediction).norm(dim=-3) / size
+        root = self.share.sqrt()[:, None, None]
+        size = (root * self.measured).norm(dim=0).clamp(min=1e-300)
+        return (root * (self.measured - prediction)).norm(dim=-3) / size

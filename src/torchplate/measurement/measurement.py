@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, get_args
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from torchplate.measurement.formats.archive import arrays_of, plain
@@ -203,8 +203,12 @@ class Measurement:
 
     def every(self, step: int) -> "Measurement":
         """Every `step`-th line, the first among them."""
-        coherence = None if self.coherence is None else self.coherence[::step]
-        return replace(self, frequency=self.frequency[::step].contiguous(), frf=self.frf[::step], coherence=coherence)
+        return self.at_lines(torch.arange(0, len(self.frequency), step))
+
+    def at_lines(self, index: Int[Tensor, " n_kept"]) -> "Measurement":
+        """Some of the lines."""
+        coherence = None if self.coherence is None else self.coherence[index]
+        return replace(self, frequency=self.frequency[index], frf=self.frf[index], coherence=coherence)
 
     def select(self, keep: Bool[Tensor, "n_response n_reference"]) -> "Measurement":
         """Keep the measured pairs where `keep` is True; channels left without any pair go.

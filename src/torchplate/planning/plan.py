@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import torch
 
-from torchplate.diagnosis import SETTINGS, DiagnosisSettings, Doubt, ForwardSelection, FrfTarget, line_step
+from torchplate.diagnosis import SETTINGS, DiagnosisSettings, Doubt, ForwardSelection, FrfTarget
 from torchplate.measurement import Imperfections, Measurement, noise_level
 from torchplate.model import PlateModel
 from torchplate.planning.bench import Bench
@@ -62,8 +62,6 @@ def plan(
     lab, imperfections = lab or Lab(), imperfections or Imperfections()
     doubt = min(doubts, key=lambda one: max(one.probability.values()))
     noise = noise_level(measurement, n_average)
-    if (step := line_step(measurement)) > 1:
-        measurement, noise = measurement.every(step), noise.every(step)
     nothing = torch.zeros_like(measurement.measured)
     target = FrfTarget(measurement, noise, nothing, gain_is_unknown, imperfections, settings)
     builder = ForwardSelection.of(model, target, dict(tolerance or {}), say).builder

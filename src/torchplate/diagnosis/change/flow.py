@@ -12,7 +12,6 @@ from torchplate.diagnosis.change.reference import fit_reference
 from torchplate.diagnosis.change.settings import SETTINGS, ChangeSettings
 from torchplate.diagnosis.change.summary import summarise
 from torchplate.diagnosis.change.table import tables_changed
-from torchplate.diagnosis.flow import line_step
 from torchplate.diagnosis.holdout import held_out
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
@@ -145,7 +144,7 @@ def comparing_of(
     alone = [name for name in model.names if name in own or name not in told.names]
     known = replace(told.drifted(), place=place_std(builder.target.imperfections, builder.target.mesh_left))
     comparing = Comparing(After(builder, model, known, tuple(alone)), after.model, list(numbers), say)
-    return comparing, of_after.noise
+    return comparing, builder.target.noise
 
 
 def _told(mesh: tuple[int, int, float, float]) -> str:
@@ -158,8 +157,6 @@ def target_of(test: PlateTest, seed: int) -> FrfTarget:
     measurement = test.measurement
     assert measurement is not None
     noise = noise_level(measurement, test.n_average)
-    if (step := line_step(measurement)) > 1:
-        measurement, noise = measurement.every(step), noise.every(step)
     return FrfTarget(measurement, noise, held_out(measurement.measured, seed), test.gain_is_unknown, test.imperfections)
 
 
@@ -178,6 +175,8 @@ def _begun(
     builder = ModelBuilder(given, target, as_given, fineness, even=True)
     middle = builder.given.space.to_si(given.known.new_full((len(given.names),), 0.5))
     if not as_given:
-        return builder.expecting(builder.corrected(builder.given, middle)), prior
+        found = builder.corrected(builder.given, middle)
+        return builder.thinned(found).expecting(found), prior
     n_mode = int((builder.given.natural_frequencies(middle, builder.given.assembly.size) <= builder.top).sum())
+    target = target.thinned(n_mode)
     return builder.against(target.with_mesh_error(torch.zeros_like(target.frequency), 0.0, n_mode)), prior

@@ -259,14 +259,4 @@ def part_left(target: FrfTarget, off: Tensor) -> float:
 def thinned(target: FrfTarget, most: int, least: int) -> FrfTarget:
     """The same at fewer lines, so that it has so many real numbers at most, and still so many lines."""
     n = 2 * len(target.frequency) * int(target.fitted.sum())
-    step = max(1, min(-(-n // most), len(target.frequency) // least))
-    if step == 1:
-        return target
-    shift, variance = target.mesh_shift, target.model_variance
-    return replace(
-        target,
-        measurement=target.measurement.every(step),
-        noise=target.noise.every(step),
-        mesh_shift=None if shift is None else shift[::step],
-        model_variance=None if variance is None else variance[::step],
-    )
+    return target.every(max(1, min(-(-n // most), len(target.frequency) // least)))

@@ -24,6 +24,7 @@ def localise(
     theta: Float[Tensor, " n_parameter"],
     heldout: Bool[Tensor, "n_response n_reference"],
     after: Complex[Tensor, "n_frequency n_response n_reference"] | None = None,
+    share: Float[Tensor, " n_frequency"] | None = None,
 ) -> Location:
     """Tell where the misfit sits.
 
@@ -35,9 +36,11 @@ def localise(
         theta: its parameters [SI].
         heldout: FRFs that no fit saw.
         after: the last model's FRFs, for the gaps of the channels; left out, the baseline's.
+        share: lines that each line stands for in these gaps [-]; left out, itself.
     """
     misfit = Misfit.of(measurement, noise_std, predicted)
-    channels = channel_gaps(measurement, noise_std, predicted, predicted if after is None else after, heldout)
+    share = torch.ones_like(measurement.frequency) if share is None else share
+    channels = channel_gaps(measurement, noise_std, predicted, predicted if after is None else after, heldout, share)
     if misfit.excess <= (SETTINGS.localising.beyond_noise - 1) * misfit.noise:
         return Location(
             (),

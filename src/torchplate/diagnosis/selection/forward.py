@@ -80,7 +80,8 @@ class ForwardSelection:
         given, prior = with_tolerances(model, tolerance)
         builder = ModelBuilder(given, target)
         middle = builder.given.space.to_si(given.known.new_full((len(given.names),), 0.5))
-        return cls(builder.expecting(builder.corrected(builder.given, middle)), prior, say)
+        found = builder.corrected(builder.given, middle)
+        return cls(builder.thinned(found).expecting(found), prior, say)
 
     def baseline(self) -> State:
         """The given model, fitted on a mesh whose error is taken off."""

@@ -47,12 +47,15 @@ class Lines:
     """How many lines of a large test are looked at; noise is estimated from all.
 
     Args:
-        most_numbers: real numbers of all FRFs together, at most [-]: twice as many as any test counts as
+        most_numbers: real numbers of all FRFs together, at most [-]: as many as any test counts as
             (`Comparison.misspecified`).
-        least: lines that are kept in any case [-]: some ten for each mode of a band with forty.
+        per_mode: lines that are kept for each mode in the band in any case [-]: of each a frequency, a damping and a
+            deflection are asked for, and what is between them.
+        least: lines that are kept where nothing is known of the resonances [-]: ten for each of forty.
     """
 
-    most_numbers: int = 20_000
+    most_numbers: int = 10_000
+    per_mode: int = 10
     least: int = 400
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import torch
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from torchplate.measurement.assessment.quality import line_noise, reciprocity
@@ -63,10 +63,10 @@ class Noise:
     distorted: Bool[Tensor, "n_response n_reference"] | None = None
     drowned: Bool[Tensor, "n_response n_reference"] | None = None
 
-    def every(self, step: int) -> "Noise":
-        """Of every `step`-th line."""
-        said = f"Of the lines one in {step} is looked at: this many FRFs say no more with all of them."
-        return replace(self, std=self.std[::step], slope=self.slope[::step], sentences=(*self.sentences, said))
+    def at_lines(self, index: Int[Tensor, " n_kept"]) -> "Noise":
+        """Of some of the lines."""
+        said = f"Of {len(self.std)} lines {len(index)} are looked at: this many FRFs say no more with all of them."
+        return replace(self, std=self.std[index], slope=self.slope[index], sentences=(*self.sentences, said))
 
 
 def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from torchplate.model import reciprocal
@@ -55,6 +55,42 @@ class Resonances:
             which = drift == one
             found[:, which] = (self._columns(frequency * (1 + one), pole) - here) @ rows[:, which]
         return found
+
+    def spread(self, frequency: Float[Tensor, " n_frequency"], wanted: int) -> Int[Tensor, " n_kept"]:
+        """Lines that say most of the resonances: a quarter of them evenly over the band, the others about the peaks.
+
+        Every resonance has as many, as dense as its |H|² is high, the nearest line to it and its neighbours among them.
+        Squares of FRFs and of what models leave of them add up to nearly what all lines make, each times the lines that
+        it stands for.
+
+        Args:
+            frequency: lines, rising [Hz].
+            wanted: lines, at least; all where there are no more [-].
+
+        Returns:
+            Their indices, rising, the first and the last line among them.
+        """
+        n = len(frequency)
+        pole = self.pole[self.resonates]
+        place = pole.real.clamp(min=0).sqrt()
+        inside = (place >= frequency[0]) & (place <= frequency[-1])
+        place, width = place[inside], pole.imag[inside] / place[inside].clamp(min=1e-300)
+        density = torch.full_like(frequency, 1 / n)
+        if len(place):
+            step = float((frequency[-1] - frequency[0]) / max(1, n - 1))
+            near = 1 / (1 + ((frequency[:, None] - place) / (0.5 * width).clamp(min=step)).square())
+            density = 0.25 * density + 0.75 * (near / near.sum(0)).mean(-1)
+        # Middles of the lines' parts of the whole.
+        passed = density.cumsum(0) - 0.5 * density
+        nearest = (frequency[:, None] - place).abs().argmin(0)
+        kept = torch.cat([nearest - 1, nearest, nearest + 1, torch.tensor([0, n - 1]).to(nearest)]).clamp(0, n - 1)
+        tried = max(1, wanted - len(kept))
+        while True:
+            at = torch.linspace(float(passed[0]), float(passed[-1]), tried).to(passed)
+            found = torch.cat([torch.searchsorted(passed, at).clamp(max=n - 1), kept]).unique()
+            if len(found) >= min(wanted, n):
+                return found
+            tried += 1 + tried // 32
 
     def _columns(self, frequency: Tensor, pole: Tensor) -> Complex[Tensor, "n_frequency n_part"]:
         """The fractions 1 / (q − f²) and the polynomials, at complex frequencies too."""
