@@ -27,7 +27,7 @@ from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.measurement import PERFECT, NaturalFrequencies
 from torchplate.measurement.assessment.noise import Noise
-from torchplate.model import PlateModel, Searched, extrapolate
+from torchplate.model import PlateModel, Searched, extrapolate, ritz_basis
 from torchplate.plate import Local, Mesh
 
 RESPONSE, REFERENCE = (3, 17), (7, 9, 14)
@@ -249,8 +249,10 @@ def test_the_numbers_agree_with_each_other(case):
 @pytest.mark.check
 def test_the_model_that_is_handed_over_is_the_one_that_was_fitted_in_numbers(diagnosed):
     found = diagnosed("twins").found
-    some = slice(None, None, 40)
-    again, drawn = found.model.frf(found.model.known[:0], LINES[some]), found.overlay.after
+    some, nothing = slice(None, None, 40), found.model.known[:0]
+    # In a basis of its own: all of its dofs would take minutes.
+    model = found.model.projected(ritz_basis(found.model, nothing[None], LINES, 0, 5.0))
+    again, drawn = model.frf(nothing, LINES[some]), found.overlay.after
     assert torch.allclose(again, drawn[some], rtol=2e-3, atol=float(2e-3 * drawn.abs().max()))
 
 
