@@ -41,8 +41,8 @@ diagnose: $(VENV)/.run
 test check: export OMP_NUM_THREADS = 1
 # Compiled files are kept: each process would compile six hundred of them anew, and the tests start many.
 test check: export PYTHONDONTWRITEBYTECODE =
-# Of every function, not only its first of each test: see tests/conftest.py.
-check: export CHECKED_CALLS = 1000000000
+# Of every function its first hundred in each test, not only the first: see tests/conftest.py.
+check: export CHECKED_CALLS = 100
 PARALLEL = -n auto --dist loadfile
 
 test: $(VENV)/.check
