@@ -7,7 +7,8 @@
 - `integral`: the likelihood of a hypothesis over all its values, where that takes no longer than to fit it.
 - `holdout`: the FRFs that no fit sees; `tolerance`: numbers that are known as well as a ruler knows them; `usual`:
   priors of which half is narrow.
-- `target`: what the models are held against, and residuals from wide to sharp; `smoothing`: of the wide ones.
+- `target`: what the models are held against, and residuals from wide to sharp; `smoothing`: of the wide ones; `lines`:
+  which of a large test are looked at.
 - `model_builder`: one mesh for all models, its error taken off, and bases that are right where they are used.
 - `fit`: the refit of one hypothesis; `joint`: its parameters and the specimen at once; `problem`: its residuals, and
   the ways down; `judged`: it beside noise and nuisances; `basins`: where it begins when nothing is known.

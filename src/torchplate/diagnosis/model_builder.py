@@ -17,6 +17,7 @@ from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.held_edges import held_again, held_edges, on_springs
+from torchplate.diagnosis.lines import about_peaks
 from torchplate.diagnosis.settings import Fineness
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import UNIFORM, Found, n_terms, section_off
@@ -262,7 +263,7 @@ class ModelBuilder:
         Args:
             found: a model of this builder, with natural frequencies.
         """
-        return self.against(self.target.thinned(int((found.frequency <= self.top).sum())))
+        return self.against(about_peaks(self.target, int((found.frequency <= self.top).sum())))
 
     def expecting(self, found: Extrapolated) -> "ModelBuilder":
         """The same, its target weighed by what this mesh leaves of its error.

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import torch
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.freed_memory import hand_back
@@ -97,44 +97,6 @@ class FrfTarget:
     def holding_out(self, heldout: Bool[Tensor, "n_response n_reference"]) -> "FrfTarget":
         """The same with these FRFs held out."""
         return self._but(heldout=heldout)
-
-    def thinned(self, n_mode: int) -> "FrfTarget":
-        """The same at fewer lines, where all of them say no more: evenly over the band, and about the peaks.
-
-        Args:
-            n_mode: modes of the model in the band: ten lines are kept for each, or for each resonance that was found,
-                which drifts from record to record may have doubled.
-        """
-        lines, n, resonances = self.settings.lines, len(self.frequency), self.noise.resonances
-        seen = 0 if resonances is None else int(resonances.resonates.sum())
-        least = lines.per_mode * min(seen, n_mode) or lines.least
-        wanted = max(least, lines.most_numbers // (2 * len(self.measurement.pairs)))
-        if wanted >= n:
-            return self
-        if resonances is None or not seen:
-            return self.every(n // wanted)
-        return self.at_lines(resonances.spread(self.frequency, wanted))
-
-    def every(self, step: int) -> "FrfTarget":
-        """The same at every `step`-th line, the first among them."""
-        return self if step == 1 else self.at_lines(torch.arange(0, len(self.frequency), step))
-
-    def at_lines(self, index: Int[Tensor, " n_kept"]) -> "FrfTarget":
-        """The same at some of the lines, each of which stands for those that are nearer to it than to another."""
-        if len(index) == len(self.frequency):
-            return self
-        shift, variance = (None if one is None else one[index] for one in (self.mesh_shift, self.model_variance))
-        between = 0.5 * (self.frequency[index[1:]] + self.frequency[index[:-1]])
-        share = torch.zeros(len(index)).to(self.frequency)
-        share.index_add_(0, torch.searchsorted(between, self.frequency), self.share)
-        return replace(
-            self,
-            measurement=self.measurement.at_lines(index),
-            noise=self.noise.at_lines(index),
-            mesh_shift=shift,
-            model_variance=variance,
-            stands_for=share,
-        )
 
     @property
     def share(self) -> Float[Tensor, " n_frequency"]:

@@ -13,6 +13,7 @@ from torchplate.diagnosis.change.settings import SETTINGS, ChangeSettings
 from torchplate.diagnosis.change.summary import summarise
 from torchplate.diagnosis.change.table import tables_changed
 from torchplate.diagnosis.holdout import held_out
+from torchplate.diagnosis.lines import about_peaks
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.result import Diagnosis
@@ -178,5 +179,5 @@ def _begun(
         found = builder.corrected(builder.given, middle)
         return builder.thinned(found).expecting(found), prior
     n_mode = int((builder.given.natural_frequencies(middle, builder.given.assembly.size) <= builder.top).sum())
-    target = target.thinned(n_mode)
+    target = about_peaks(target, n_mode)
     return builder.against(target.with_mesh_error(torch.zeros_like(target.frequency), 0.0, n_mode)), prior

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from torchplate.diagnosis import SETTINGS
+from torchplate.diagnosis.lines import about_peaks
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.measurement import Channel, Measurement, Noise
 from torchplate.measurement.assessment.resonances import Resonances
@@ -53,7 +54,7 @@ def noise_of(test: Measurement, resonances: Resonances | None) -> Noise:
 def test_as_many_numbers_are_looked_at_as_any_test_counts(n_line, n_reference, n_resonance, n_mode, kept):
     test = a_test(n_line, n_reference)
     resonances = None if n_resonance is None else resonances_of(test, n_resonance)
-    found = FrfTarget(test, noise_of(test, resonances), torch.zeros_like(test.measured)).thinned(n_mode)
+    found = about_peaks(FrfTarget(test, noise_of(test, resonances), torch.zeros_like(test.measured)), n_mode)
     assert kept <= len(found.frequency) <= 1.1 * kept
     assert found.noise.std.shape[0] == len(found.frequency)
     assert float(found.share.sum()) == n_line
@@ -64,7 +65,7 @@ def test_every_peak_keeps_lines_however_sharp_it_is(loss):
     """At the same step everywhere a peak that is narrower than the step falls between two lines."""
     test = a_test(3200, 60)
     resonances = resonances_of(test, 16, loss)
-    found = FrfTarget(test, noise_of(test, resonances), torch.zeros_like(test.measured)).thinned(16)
+    found = about_peaks(FrfTarget(test, noise_of(test, resonances), torch.zeros_like(test.measured)), 16)
     step = float(test.frequency[1] - test.frequency[0])
     for place in resonances.pole.real.sqrt()[:-1].tolist():
         near = max(1.5 * step, loss * place)
@@ -86,7 +87,7 @@ def test_the_gap_is_nearly_that_of_all_lines(n_reference, close):
     frf = resonances.at(plain.frequency, torch.zeros_like(plain.frequency))
     test = replace(plain, frf=frf)
     whole = FrfTarget(test, noise_of(test, resonances), torch.zeros_like(test.measured))
-    thin = whole.thinned(16)
+    thin = about_peaks(whole, 16)
     assert len(thin.frequency) < len(whole.frequency) / 3
     # Off at the peaks, and off everywhere.
     shifted = resonances.at(1.005 * plain.frequency, torch.zeros_like(plain.frequency))
