@@ -196,5 +196,6 @@ def lab() -> SimpleNamespace:
         Scene=Scene,
         leaving=leaving,
         spot=SPOT,
+        small_plate=small_plate,
         SMALL_LINES=SMALL_LINES,
     )

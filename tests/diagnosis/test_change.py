@@ -214,7 +214,7 @@ def warmed() -> Comparing:
         )
         for seed, values in ((1, light), (2, warm))
     )
-    return comparing_of(before, after, (), 0, lambda _: None, SETTINGS, True)[0]
+    return comparing_of(before, after, (), 0, lambda _: None, SETTINGS, True)
 
 
 @pytest.mark.check
@@ -237,7 +237,7 @@ def lightened():
     """A test without a mass and one with it, a mass that is sought, and the place of its mirror image."""
     before = PlateTest(plate(), measured(plate(TRUE), 1), imperfections=TOLD)
     test = PlateTest(plate(), measured(plate(TRUE, lump=LUMP), 2), imperfections=TOLD)
-    comparing, _ = comparing_of(before, test, (), 0, lambda _: None, SETTINGS, True)
+    comparing = comparing_of(before, test, (), 0, lambda _: None, SETTINGS, True)
     own = {key: Searched(0.0, 1.0) for key in ("x", "y")} | {"mass": Searched(0.0, 0.2)}
     change = Change("point_mass", "one", Candidate(CATALOGUE["point_mass"](), {}, own, {"mass": 0.0}))
     place = LUMP[1] | {"x": 1 - LUMP[1]["x"]}
@@ -292,7 +292,7 @@ def on_both_meshes(came: bool):
     own = {key: Searched(0.0, 1.0) for key in ("x", "y")} | {"size": Searched(0.05, 0.5), "factor": Searched(0.1, 1.5)}
     change = Change("stiffness_loss", "soft", Candidate(CATALOGUE["stiffness_loss"](), {}, own, {"factor": 1.0}))
     comparing, finer = (
-        comparing_of(before, after, (), 0, lambda _: None, SETTINGS, False, fineness)[0]
+        comparing_of(before, after, (), 0, lambda _: None, SETTINGS, False, fineness)
         for fineness in (None, DIAGNOSIS.meshes.settling)
     )
     start = {f"soft.{key}": value for key, value in SOFT[1].items()}
@@ -329,7 +329,7 @@ def test_a_change_that_changes_nothing_leaves_the_mesh_error_as_it_was():
     given = PlateModel(plate().mesh, plate().effects, plate().known_values, wide, *SPOTS, "accelerance")
     truth = on_a_mesh_of_its_own(plate(TRUE), 7)
     before, after = (PlateTest(given, measured(truth, seed), imperfections=TOLD) for seed in (0, 1))
-    of_after = comparing_of(before, after, (), 0, lambda _: None, SETTINGS, False)[0].after
+    of_after = comparing_of(before, after, (), 0, lambda _: None, SETTINGS, False).after
     own = {key: Searched(0.0, 1.0) for key in ("x", "y")} | {"size": Searched(0.05, 0.5), "factor": Searched(0.1, 1.5)}
     change = Change("stiffness_loss", "soft", Candidate(CATALOGUE["stiffness_loss"](), {}, own, {"factor": 1.0}))
     nothing = {f"soft.{key}": value for key, value in (SOFT[1] | {"factor": 1.0}).items()}

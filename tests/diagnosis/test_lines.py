@@ -6,7 +6,10 @@ import pytest
 import torch
 
 from torchplate.diagnosis import SETTINGS
+from torchplate.diagnosis.before_and_after import gap_of, location_of, overlay_of, step_of
+from torchplate.diagnosis.judged import unfitted
 from torchplate.diagnosis.lines import about_peaks
+from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.measurement import Channel, Measurement, Noise
 from torchplate.measurement.assessment.resonances import Resonances
@@ -96,6 +99,48 @@ def test_the_gap_is_nearly_that_of_all_lines(n_reference, close):
         assert float(thin.gap(model[at])) == pytest.approx(float(whole.gap(model)), rel=close)
     level = thin.smoothing.around / whole.smoothing.around[at]
     assert float(level.log().abs().median()) < 2 * close
+
+
+def test_what_is_said_is_said_of_all_lines(lab):
+    """Gaps, curves and the gap of each FRF, whichever lines were looked at; one FRF is held out, one read as −H."""
+    frequency = torch.linspace(10.0, 300.0, 3200, dtype=torch.float64)
+    plain, heavy = lab.small_plate(), lab.small_plate(mass=0.02)
+    response, reference = plain.response, plain.reference
+    clean = heavy.frf(lab.nobody, frequency)
+    std = lab.true_std(clean, 0.01, "mixed")
+    test = lab.measured(frequency, clean + lab.noise_of(std, 1), response, reference)
+    heldout = torch.zeros_like(test.measured)
+    heldout[1, 2] = True
+    sign = torch.ones_like(heldout, dtype=frequency.dtype)
+    sign[0, 1] = -1.0
+    noise = Noise(std, lab.true_floor(std, clean), (), torch.zeros_like(std), None)
+    thin = about_peaks(FrfTarget(test, noise, torch.zeros_like(heldout)), 10)
+    target = thin.holding_out(heldout).turned(sign)
+    assert len(target.frequency) < len(frequency) / 2
+    without, with_it = (unfitted(ModelBuilder(model, target, as_given=True), model) for model in (plain, heavy))
+    found = gap_of(target, without, with_it)
+    # Models are evaluated in a basis, which is right to some hundred-thousandths of the smaller gaps.
+    curves = [model.frf(lab.nobody, frequency) for model in (plain, heavy)]
+    each = [(sign * test.frf - curve).norm(dim=0) / test.frf.norm(dim=0) for curve in curves]
+    assert (found.baseline, found.final) == pytest.approx(tuple(float(one[~heldout].mean()) for one in each), rel=1e-4)
+    assert (found.heldout_baseline, found.heldout_final) == pytest.approx(
+        tuple(float(one[1, 2]) for one in each), rel=1e-4
+    )
+    step = step_of(target, "+ point_mass", with_it)
+    assert (step.gap, step.heldout) == (found.final, found.heldout_final)
+    # Of the lines that were looked at alone it would be another.
+    assert abs(float(target.gap(without.prediction)) - found.baseline) > 1e-4
+    drawn = overlay_of(target, without, with_it)
+    assert torch.equal(drawn.measured.frf, test.frf)
+    assert torch.equal(drawn.noise, std)
+    for shown, curve in zip((drawn.before, drawn.after), curves, strict=True):
+        assert float((shown - curve).norm() / curve.norm()) < 1e-4
+    size = test.frf.norm(dim=0)
+    for one in location_of(target, without, with_it).channels:
+        pair = (response.index(int(one.response[:-1])), reference.index(int(one.reference[:-1])))
+        gaps = [float((test.frf - curve).norm(dim=0)[pair] / size[pair]) for curve in curves]
+        assert (one.before, one.after) == pytest.approx(gaps, rel=1e-4)
+        assert one.heldout == bool(heldout[pair])
 
 
 def test_no_test_counts_more_numbers():

@@ -39,7 +39,9 @@ class Case:
         self.heldout = torch.zeros(frf.shape[1:], dtype=torch.bool)
 
     def located(self, **others):
-        arguments = {"noise_std": self.std, "predicted": self.predicted, "model": self.model, "heldout": self.heldout}
+        after = others.pop("after", self.predicted)
+        channels = channel_gaps(self.measured, self.std, self.predicted, after, self.heldout)
+        arguments = {"noise_std": self.std, "predicted": self.predicted, "model": self.model, "channels": channels}
         return localise(self.measured, theta=self.theta, **(arguments | others))
 
 
@@ -185,9 +187,7 @@ def test_channels_carry_their_gaps_before_and_after(lab):
     case = Case(lab, hide("sensor_gain", {"gain": 1.1}))
     case.heldout[1, 4] = True
     after = case.predicted * 1.05
-    found = channel_gaps(
-        case.measured, case.std, case.predicted, after, case.heldout, torch.ones_like(case.measured.frequency)
-    )
+    found = channel_gaps(case.measured, case.std, case.predicted, after, case.heldout)
     assert len(found) == 20
     assert [one.before for one in found] == sorted((one.before for one in found), reverse=True)
     for one in found:

@@ -3,13 +3,15 @@
 from collections.abc import Sequence
 from itertools import pairwise
 
+from jaxtyping import Complex
 from torch import Tensor
 
 from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.localisation.channels import channel_gaps
 from torchplate.diagnosis.localisation.localise import localise
 from torchplate.diagnosis.result import Gap, Location, Overlay, Step, Verdict
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.measurement import Noise
+from torchplate.discrepancy import as_it_is_meant
 
 
 def verdict_of(named: bool, explained: bool) -> Verdict:
@@ -26,11 +28,12 @@ def verdict_of(named: bool, explained: bool) -> Verdict:
 
 def gap_of(target: FrfTarget, before: Fit, after: Fit) -> Gap:
     """Of the FRFs that fits saw, and of the others."""
+    (baseline, heldout_baseline), (final, heldout_final) = _gaps(target, before), _gaps(target, after)
     return Gap(
-        _number(target.gap(before.prediction)) or 0.0,
-        _number(target.gap(after.prediction)) or 0.0,
-        heldout_gap(target, before),
-        heldout_gap(target, after),
+        baseline,
+        final,
+        heldout_baseline,
+        heldout_final,
         target.floor,
         target.expected_gap(after.reduced, after.theta, after.marginal),
     )
@@ -38,7 +41,7 @@ def gap_of(target: FrfTarget, before: Fit, after: Fit) -> Gap:
 
 def step_of(target: FrfTarget, label: str, fit: Fit) -> Step:
     """A step as it is listed."""
-    return Step(label, float(target.gap(fit.prediction)), heldout_gap(target, fit), fit.reduced_misfit)
+    return Step(label, *_gaps(target, fit), fit.reduced_misfit)
 
 
 def steps_of(target: FrfTarget, labels: Sequence[str], before: Sequence[Fit], last: Fit) -> list[Step]:
@@ -60,28 +63,43 @@ def around(steps: Sequence[Step], n_effect: int) -> list[tuple[float, float]]:
     return list(pairwise(gaps))
 
 
-def heldout_gap(target: FrfTarget, fit: Fit) -> float | None:
-    """The gap of the FRFs that no fit saw; None where there are none."""
-    return _number(target.gap(fit.prediction, True))
+def gap_left(target: FrfTarget, fit: Fit) -> float:
+    """The gap of the FRFs that fits saw, at all lines that were measured."""
+    return _gaps(target, fit)[0]
+
+
+def at_all_lines(target: FrfTarget, fit: Fit) -> Complex[Tensor, "n_frequency n_response n_reference"]:
+    """What a fit says of every line that was measured, whichever were looked at."""
+    whole = target.at_all_lines
+    return fit.prediction if whole is target else whole.predict(as_it_is_meant(fit.reduced), fit.theta)
+
+
+def _gaps(target: FrfTarget, fit: Fit) -> tuple[float, float | None]:
+    """Of the FRFs that fits saw, and of the others; None where there are none."""
+    whole, prediction = target.at_all_lines, at_all_lines(target, fit)
+    return _number(whole.gap(prediction)) or 0.0, _number(whole.gap(prediction, True))
 
 
 def location_of(target: FrfTarget, before: Fit, after: Fit) -> Location:
     """Where the misfit sits, and what of it is left."""
+    whole = target.at_all_lines
+    predicted = (at_all_lines(target, before), at_all_lines(target, after))
     return localise(
         target.measurement,
         target.variance.sqrt(),
         before.prediction,
         before.reduced,
         before.theta,
-        target.heldout,
-        after=after.prediction,
-        share=target.share,
+        channel_gaps(whole.measurement, whole.noise.std, *predicted, whole.heldout),
     )
 
 
-def overlay_of(target: FrfTarget, noise: Noise, before: Fit, after: Fit) -> Overlay:
+def overlay_of(target: FrfTarget, before: Fit, after: Fit) -> Overlay:
     """The curves that are drawn over each other, and the noise of the test as it was found."""
-    return Overlay(target.measurement, noise.std, before.prediction, after.prediction, target.heldout)
+    whole = target.at_all_lines
+    return Overlay(
+        whole.measurement, whole.noise.std, at_all_lines(target, before), at_all_lines(target, after), whole.heldout
+    )
 
 
 def _number(gap: Tensor) -> float | None:

@@ -24,11 +24,11 @@ def about_peaks(target: FrfTarget, n_mode: int) -> FrfTarget:
     if wanted >= n:
         return target
     if resonances is None or not seen:
-        return every(target, n // wanted)
+        return every_nth(target, n // wanted)
     return at_lines(target, resonances.spread(target.frequency, wanted))
 
 
-def every(target: FrfTarget, step: int) -> FrfTarget:
+def every_nth(target: FrfTarget, step: int) -> FrfTarget:
     """The same at every `step`-th line, the first among them."""
     return target if step == 1 else at_lines(target, torch.arange(0, len(target.frequency), step))
 
@@ -48,4 +48,5 @@ def at_lines(target: FrfTarget, index: Int[Tensor, " n_kept"]) -> FrfTarget:
         mesh_shift=shift,
         model_variance=variance,
         stands_for=share,
+        whole=target.whole or target,
     )

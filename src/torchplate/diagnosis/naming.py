@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from torchplate.diagnosis.before_and_after import gap_left
 from torchplate.diagnosis.estimates import estimates
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import Estimate, Named
@@ -22,7 +23,7 @@ def as_named(builder: ModelBuilder, naming: Naming, last: State, gaps: tuple[flo
     final = last.fit
     hypothesis = naming.hypothesis
     before, after = gaps
-    first = float(builder.target.gap(hypothesis.fit.prediction))
+    first = gap_left(builder.target, hypothesis.fit)
     found = estimates(final, builder.top)
     prefix = f"{hypothesis.label}."
     parameters = {name.removeprefix(prefix): one for name, one in found.items() if name.startswith(prefix)}
@@ -30,7 +31,7 @@ def as_named(builder: ModelBuilder, naming: Naming, last: State, gaps: tuple[flo
     rival = naming.known.next_best
     against = ""
     if rival is not None:
-        rest = float(builder.target.gap(rival.fit.prediction))
+        rest = gap_left(builder.target, rival.fit)
         against = f"; the next best{' in its place' if naming.again else ''}, {rival.name}, leaves {percent(rest)}"
         against += " beside the other effects" if naming.again else " at its first refit"
     # What the others are held against is what it left when they were refitted too.

@@ -2,8 +2,8 @@
 
 from torch import Tensor
 
+from torchplate.diagnosis.before_and_after import gap_left, location_of
 from torchplate.diagnosis.judged import Fit
-from torchplate.diagnosis.localisation.localise import localise
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.result import Verdict
@@ -35,16 +35,7 @@ def missing_still(builder: ModelBuilder, noise: Noise, final: State, verdict: Ve
     faults = faults_of(builder, noise)
     if faults and is_explained(final.fit, target):
         return faults
-    gap = float(target.gap(final.fit.prediction))
-    left = localise(
-        target.measurement,
-        target.variance.sqrt(),
-        final.fit.prediction,
-        final.fit.reduced,
-        final.fit.theta,
-        target.heldout,
-        share=target.share,
-    )
+    gap, left = gap_left(target, final.fit), location_of(target, final.fit, final.fit)
     expected = target.expected_gap(final.fit.reduced, final.fit.theta, final.fit.marginal)
     size = (
         f"A gap of {percent(gap)} is left, where noise alone makes {percent(noise.floor)}, and noise and the "

@@ -5,7 +5,16 @@ from collections.abc import Sequence
 
 import torch
 
-from torchplate.diagnosis.before_and_after import around, gap_of, location_of, overlay_of, step_of, steps_of, verdict_of
+from torchplate.diagnosis.before_and_after import (
+    around,
+    gap_left,
+    gap_of,
+    location_of,
+    overlay_of,
+    step_of,
+    steps_of,
+    verdict_of,
+)
 from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.doubts import doubts_of
 from torchplate.diagnosis.estimates import estimates
@@ -66,7 +75,7 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
         next_measurements=tuple(next_measurements(sets, unexplained, few, symmetric)),
         parameters=estimates(final.fit, builder.top),
         model=builder.finished(final.fit.model, final.fit.theta),
-        overlay=overlay_of(builder.target, noise, first, final.fit),
+        overlay=overlay_of(builder.target, first, final.fit),
         n_evaluation=builder.n_evaluation,
         seconds=seconds,
         doubts=doubts_of(final),
@@ -86,7 +95,7 @@ def _finer_mesh(seen: Trace) -> tuple[Named, ...]:
     odds = 2 * math.log((1 - settings.missing) / (settings.missing / len(nameable())))
     if not refined.by_noise or evidence(unrefined, weight) - evidence(refined, weight) < odds:
         return ()
-    before, after = (float(builder.target.gap(one.prediction)) for one in (given, baseline))
+    before, after = (gap_left(builder.target, one) for one in (given, baseline))
     cells = " × ".join(str(cell) for cell in builder.mesh.cells)
     which = "fitted" if seen.unrefined is None or after < before else "last"
     if after < before:
@@ -131,7 +140,7 @@ def _table(ranked: Ranked, effects: Sequence[Named], builder: ModelBuilder) -> t
         if name in rows:
             continue
         refit = refits.get(name)
-        gap = None if refit is None else float(builder.target.gap(refit.fit.prediction))
+        gap = None if refit is None else gap_left(builder.target, refit.fit)
         if gap is not None:
             why = f"a refit leaves {percent(gap)}"
         elif name in ranked.far:

@@ -63,6 +63,7 @@ class FrfTarget:
         independent: of the numbers, the part that is independent [-].
         stands_for: lines of what was measured that each stands for [-]; None where each stands for itself.
         by_noise: the same with residuals weighed by the noise, where they are not here; None where they are.
+        whole: the same at all lines that were measured, where some are left out here; None where none is.
     """
 
     measurement: Measurement
@@ -81,6 +82,7 @@ class FrfTarget:
     independent: float = 1.0
     stands_for: Float[Tensor, " n_frequency"] | None = None
     by_noise: "FrfTarget | None" = None
+    whole: "FrfTarget | None" = None
 
     @property
     def levels(self) -> int:
@@ -97,6 +99,11 @@ class FrfTarget:
     def holding_out(self, heldout: Bool[Tensor, "n_response n_reference"]) -> "FrfTarget":
         """The same with these FRFs held out."""
         return self._but(heldout=heldout)
+
+    @property
+    def at_all_lines(self) -> "FrfTarget":
+        """The same at all lines that were measured, where what is said is said of all of them."""
+        return self if self.whole is None else replace(self.whole, heldout=self.heldout, sign=self.sign)
 
     @property
     def share(self) -> Float[Tensor, " n_frequency"]:

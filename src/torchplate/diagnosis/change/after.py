@@ -369,4 +369,5 @@ def against_the_next(builder: ModelBuilder, reference: Reference) -> ModelBuilde
     names = {field.name for field in fields(given)}
     larger = {name: size * given.std(name) for name, size in reference.sizes.items() if name in names and size > 1.0}
     imperfections = replace(given, **larger)
-    return builder.against(replace(target, noise=noise, mesh_shift=nothing, imperfections=imperfections))
+    plain = target.at_all_lines
+    return builder.against(replace(target, noise=noise, mesh_shift=nothing, imperfections=imperfections, whole=plain))

@@ -22,7 +22,7 @@ from torchplate.diagnosis.settings import Fineness
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.tolerance import with_tolerances
 from torchplate.discrepancy import place_std
-from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies, Noise, noise_level
+from torchplate.measurement import Imperfections, Measurement, NaturalFrequencies, noise_level
 from torchplate.model import PlateModel, Searched
 
 
@@ -89,7 +89,7 @@ def what_changed(
         return tables_changed(reference, after, own=own, seed=seed, say=say, settings=settings)
     began = time.monotonic()
     targets = target_of(reference, seed), target_of(after, seed)
-    comparing, noise = comparing_of(reference, after, own, seed, say, settings, as_given, targets=targets)
+    comparing = comparing_of(reference, after, own, seed, say, settings, as_given, targets=targets)
     none = state = comparing.none()
     while len(state.changes) < settings.most:
         further = comparing.further(state)
@@ -102,9 +102,9 @@ def what_changed(
     if not as_given and any(change.is_of_the_section(comparing.after.model) for change in state.changes):
         say("settling on a finer mesh")
         fineness = comparing.after.builder.target.settings.meshes.settling
-        finer, _ = comparing_of(reference, after, own, seed, lambda _: None, settings, as_given, fineness, targets)
+        finer = comparing_of(reference, after, own, seed, lambda _: None, settings, as_given, fineness, targets)
         state = comparing.settled(state, finer)
-    return summarise(comparing, none, state, (reference, after), noise, time.monotonic() - began)
+    return summarise(comparing, none, state, (reference, after), time.monotonic() - began)
 
 
 def comparing_of(
@@ -117,8 +117,8 @@ def comparing_of(
     as_given: bool,
     fineness: Fineness | None = None,
     targets: tuple[FrfTarget, FrfTarget] | None = None,
-) -> tuple[Comparing, Noise]:
-    """What looks for changes beside a fitted reference, and the noise of the test after; see `what_changed`.
+) -> Comparing:
+    """What looks for changes beside a fitted reference; see `what_changed`.
 
     With a fineness it is on another mesh than that where effects are looked for; targets are had from `target_of`.
     """
@@ -144,8 +144,7 @@ def comparing_of(
     model = builder.corrected(builder.given, theta).model
     alone = [name for name in model.names if name in own or name not in told.names]
     known = replace(told.drifted(), place=place_std(builder.target.imperfections, builder.target.mesh_left))
-    comparing = Comparing(After(builder, model, known, tuple(alone)), after.model, list(numbers), say)
-    return comparing, builder.target.noise
+    return Comparing(After(builder, model, known, tuple(alone)), after.model, list(numbers), say)
 
 
 def _told(mesh: tuple[int, int, float, float]) -> str:

@@ -12,7 +12,6 @@ from torchplate.diagnosis.naming import remark_on
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.diagnosis.result import Diagnosis, Estimate, Gap, Named, Scored, Verdict
 from torchplate.diagnosis.selection.criterion import is_explained
-from torchplate.measurement import Noise
 from torchplate.model import PlateModel
 from torchplate.notation import percent
 
@@ -25,7 +24,6 @@ def summarise(
     none: State,
     last: State,
     tests: "tuple[PlateTest, PlateTest]",
-    noise: Noise,
     seconds: float,
 ) -> Diagnosis:
     """Everything that is reported.
@@ -35,7 +33,6 @@ def summarise(
         none: nothing changed.
         last: what has changed.
         tests: the reference, and the test after.
-        noise: of the test after.
         seconds: that it took.
     """
     builder = comparing.after.builder
@@ -74,7 +71,7 @@ def summarise(
         next_measurements=tuple(next_measurements(sets, verdict in ("unexplained", "partly_explained"), False, False)),
         parameters=parameters,
         model=builder.finished(last.fit.model, last.fit.theta),
-        overlay=overlay_of(target, noise, none.fit, last.fit),
+        overlay=overlay_of(target, none.fit, last.fit),
         n_evaluation=builder.n_evaluation,
         seconds=seconds,
     )

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.strength import Chosen, Products, cross_validated, forms, solved
-from torchplate.diagnosis.lines import every
+from torchplate.diagnosis.lines import every_nth
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.selection.criterion import UNIFORM
 from torchplate.diagnosis.target import FrfTarget
@@ -260,4 +260,4 @@ def part_left(target: FrfTarget, off: Tensor) -> float:
 def thinned(target: FrfTarget, most: int, least: int) -> FrfTarget:
     """The same at fewer lines, so that it has so many real numbers at most, and still so many lines."""
     n = 2 * len(target.frequency) * int(target.fitted.sum())
-    return every(target, max(1, min(-(-n // most), len(target.frequency) // least)))
+    return every_nth(target, max(1, min(-(-n // most), len(target.frequency) // least)))

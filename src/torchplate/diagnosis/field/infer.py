@@ -18,6 +18,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from torchplate.diagnosis.before_and_after import at_all_lines
 from torchplate.diagnosis.field.descent import FieldDescent, Place, inflated, part_left, thinned
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.grid import Grid
@@ -192,11 +193,12 @@ def _told(
     theta = model.base.space.to_si(place.position)
     model.rebased(theta, place.values)
     every = model.joined(theta, place.values)
-    prediction = builder.predict(as_it_is_meant(model.reduced), every)
+    whole = target.at_all_lines
+    predictions = at_all_lines(target, fit), whole.predict(as_it_is_meant(model.reduced), every)
     gaps: list[float | None] = []
     for heldout in (False, True):
-        for read in (fit.prediction, prediction):
-            gap = float(target.gap(read, heldout))
+        for read in predictions:
+            gap = float(whole.gap(read, heldout))
             gaps.append(None if math.isnan(gap) else gap)
     before, after = (gaps[2], gaps[3]) if gaps[2] is not None else (gaps[0], gaps[1])
     if before is None or after is None:

@@ -16,17 +16,12 @@ def channel_gaps(
     before: Complex[Tensor, "n_frequency n_response n_reference"],
     after: Complex[Tensor, "n_frequency n_response n_reference"],
     heldout: Bool[Tensor, "n_response n_reference"],
-    share: Float[Tensor, " n_frequency"],
 ) -> tuple[ChannelGap, ...]:
-    """‖measured − model‖ / ‖measured‖ of every FRF, and what noise alone makes of it, the worst first.
-
-    Each line counts for as many lines of what was measured as it stands for, its `share`.
-    """
-    root = share.sqrt()[:, None, None]
-    norm = (root * measurement.frf).norm(dim=0)
+    """‖measured − model‖ / ‖measured‖ of every FRF, and what noise alone makes of it, the worst first."""
+    norm = measurement.frf.norm(dim=0)
     safe = torch.where(norm > 0, norm, 1.0)
-    gaps = [(root * (measurement.frf - model)).norm(dim=0) / safe for model in (before, after)]
-    floor = math.sqrt(2) * (root * noise_std).norm(dim=0) / safe
+    gaps = [(measurement.frf - model).norm(dim=0) / safe for model in (before, after)]
+    floor = math.sqrt(2) * noise_std.norm(dim=0) / safe
     found = [
         ChannelGap(
             measurement.response[j].label,

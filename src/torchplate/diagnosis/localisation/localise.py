@@ -1,15 +1,14 @@
 """Where a model and a measurement disagree: in frequency, over the channels, over the plate, and of which kind."""
 
 import torch
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.diagnosis.localisation.channels import channel_gaps
 from torchplate.diagnosis.localisation.factor import common_factor, own_factor
 from torchplate.diagnosis.localisation.force import Force, force_at
 from torchplate.diagnosis.localisation.misfit import Misfit
 from torchplate.diagnosis.localisation.sentences import of_bands, of_channels, of_kind
-from torchplate.diagnosis.result import Location
+from torchplate.diagnosis.result import ChannelGap, Location
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.measurement import Measurement
 from torchplate.model import PlateModel
@@ -22,9 +21,7 @@ def localise(
     predicted: Complex[Tensor, "n_frequency n_response n_reference"],
     model: PlateModel,
     theta: Float[Tensor, " n_parameter"],
-    heldout: Bool[Tensor, "n_response n_reference"],
-    after: Complex[Tensor, "n_frequency n_response n_reference"] | None = None,
-    share: Float[Tensor, " n_frequency"] | None = None,
+    channels: tuple[ChannelGap, ...],
 ) -> Location:
     """Tell where the misfit sits.
 
@@ -34,13 +31,9 @@ def localise(
         predicted: the fitted baseline's FRFs.
         model: it; its own responses and references are those of the measurement.
         theta: its parameters [SI].
-        heldout: FRFs that no fit saw.
-        after: the last model's FRFs, for the gaps of the channels; left out, the baseline's.
-        share: lines that each line stands for in these gaps [-]; left out, itself.
+        channels: the gap of each FRF, the worst first.
     """
     misfit = Misfit.of(measurement, noise_std, predicted)
-    share = torch.ones_like(measurement.frequency) if share is None else share
-    channels = channel_gaps(measurement, noise_std, predicted, predicted if after is None else after, heldout, share)
     if misfit.excess <= (SETTINGS.localising.beyond_noise - 1) * misfit.noise:
         return Location(
             (),

@@ -13,7 +13,7 @@ from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements, rearrangements
 from torchplate.diagnosis.fit import NOBODY, Beat, Begun, begin
 from torchplate.diagnosis.judged import Fit
-from torchplate.diagnosis.lines import every
+from torchplate.diagnosis.lines import every_nth
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.afar import FromAfar
@@ -236,7 +236,7 @@ class Ranking:
         """All candidates scored where peaks overlap; and what chance takes, where little is left before."""
         builder, near = self.builder, state.fit.marginal
         if says is None and (step := self._line_step(state)) > 1:
-            builder = builder.against(every(builder.target, step))
+            builder = builder.against(every_nth(builder.target, step))
             near = builder.target.marginal(base, state.fit.theta, state.fit.about).rescaled(near.scale)
         draws = self._by_chance(before or state, builder.target)
         promises = screen(builder, base, state.fit.theta, everyone, self.prior, near, draws, says, by_mesh)
