@@ -125,6 +125,33 @@ def test_on_a_square_a_patch_that_is_long_along_x_is_one_that_is_long_along_y():
 
 
 @torch.no_grad()
+@pytest.mark.parametrize("on", [0.0, 1.0])
+def test_an_interval_begins_at_the_bound_that_its_number_sits_on(on):
+    """Of draws spread evenly over the box nine tenths are from there on; the number is in its own interval."""
+    comparing = bench("given", 1, 1e-3, TAPER)
+    baseline, fitted = comparing.baseline()
+    compared = Comparison(comparing.plates, baseline, fitted, (), (), (), 0)
+    taper, n = alone(comparing, "thickness_taper"), 1001
+    names, best = taper.model.names, taper.best
+    slope = names.index("thickness_taper_1.slope_x")
+    places = torch.full((n, len(names)), 0.5, dtype=torch.float64)
+    places[:, slope] = torch.linspace(0, 1, n).double()
+    position, at_bound = best.position.clone(), torch.zeros_like(best.at_bound)
+    position[slope], at_bound[slope] = on, True
+    there = dataclasses.replace(best, position=position, at_bound=at_bound)
+    drawn = Integral(0.0, 50.0, places, torch.full((n,), 1 / n).double())
+    one = dataclasses.replace(taper, minima=(there,), drawn=drawn)
+    entry = Entry(compared, one, 1.0)
+    found = _estimates(Found((compared,), Posterior((entry,), SETTINGS), {}, SETTINGS), entry)[names[slope]]
+    assert found.low <= found.value <= found.high
+    low, high = (float(end[slope]) for end in (one.model.space.low, one.model.space.high))
+    expected = (low, low + 0.9 * (high - low)) if on == 0.0 else (high - 0.9 * (high - low), high)
+    # Three standard deviations of that quantile of so many draws.
+    by_chance = 3 * (0.9 * 0.1 / SETTINGS.n_draw) ** 0.5
+    assert (found.low, found.high) == pytest.approx(expected, abs=by_chance * (high - low))
+
+
+@torch.no_grad()
 def test_intervals_are_those_of_all_hypotheses_that_have_what_is_named():
     """What is less probable says another number, with its part of the draws; what has another effect says none."""
     comparing = bench("given", 1, 1e-3, TAPER)

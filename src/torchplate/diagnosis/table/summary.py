@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from torchplate.diagnosis.naming import remark_on
 from torchplate.diagnosis.next_measurement import next_measurements
@@ -57,7 +59,14 @@ def _estimates(found: Found, chosen: Entry) -> dict[str, Estimate]:
     if not model.names:
         return {}
     drawn = pooled(found.posterior, chosen)
-    low, high = ([float(drawn[name].quantile(end)) for name in model.names] for end in ENDS)
+    on_low, on_high = (weighed.best.at_bound & (place < 0.5)).tolist(), (weighed.best.at_bound & (place > 0.5)).tolist()
+    low, high = zip(
+        *(
+            _interval(drawn[name], value, below, above)
+            for name, value, below, above in zip(model.names, weighed.theta.tolist(), on_low, on_high, strict=True)
+        ),
+        strict=True,
+    )
     covariance = torch.linalg.inv(weighed.best.precision).diagonal()
     step = 1e-6
     slope = ((model.space.to_si(place + step) - model.space.to_si(place - step)) / (2 * step)).abs()
@@ -70,6 +79,20 @@ def _estimates(found: Found, chosen: Entry) -> dict[str, Estimate]:
             model.names, model.units, weighed.theta.tolist(), std, blind, told, low, high, strict=True
         )
     }
+
+
+def _interval(drawn: Float[Tensor, " n_draw"], value: float, on_low: bool, on_high: bool) -> tuple[float, float]:
+    """The 90 % interval of a parameter: as much is left out on either side, or all of it away from a bound it sits on.
+
+    The most probable value is on that bound then, which an interval that leaves out both ends would not hold.
+    """
+    both = ENDS[1] - ENDS[0]
+    if on_low:
+        return value, max(value, float(drawn.quantile(both)))
+    if on_high:
+        return min(value, float(drawn.quantile(1 - both))), value
+    low, high = (float(drawn.quantile(end)) for end in ENDS)
+    return low, high
 
 
 def _steps(found: Found, finer: bool) -> tuple[Step, ...]:
