@@ -10,7 +10,7 @@ import torch
 
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.change import PlateTest, what_changed
-from torchplate.diagnosis.change.after import from_each_other
+from torchplate.diagnosis.change.after import against_the_next, from_each_other
 from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.comparison import Comparing, Promise, State, ways_of
 from torchplate.diagnosis.change.flow import comparing_of
@@ -242,6 +242,18 @@ def lightened():
     change = Change("point_mass", "one", Candidate(CATALOGUE["point_mass"](), {}, own, {"mass": 0.0}))
     place = LUMP[1] | {"x": 1 - LUMP[1]["x"]}
     return comparing, change, {f"one.{key}": value for key, value in place.items()}
+
+
+@pytest.mark.check
+def test_what_is_said_beside_the_reference_is_said_of_the_test_and_its_own_noise():
+    """A reference that leaves twice its noise doubles what the test after is weighed by, and not what is reported."""
+    after = lightened()[0].after
+    builder, reference = after.builder, after.reference
+    plain = builder.target.at_all_lines
+    target = against_the_next(builder, dataclasses.replace(reference, noise_scale=2.0)).target
+    assert torch.equal(target.noise.std, 2.0 * builder.target.noise.std)
+    assert torch.equal(target.at_all_lines.noise.std, plain.noise.std)
+    assert torch.equal(target.at_all_lines.frequency, plain.frequency)
 
 
 def test_a_mass_is_found_from_its_mirror_image():

@@ -60,13 +60,8 @@ def _estimates(found: Found, chosen: Entry) -> dict[str, Estimate]:
         return {}
     drawn = pooled(found.posterior, chosen)
     on_low, on_high = (weighed.best.at_bound & (place < 0.5)).tolist(), (weighed.best.at_bound & (place > 0.5)).tolist()
-    low, high = zip(
-        *(
-            _interval(drawn[name], value, below, above)
-            for name, value, below, above in zip(model.names, weighed.theta.tolist(), on_low, on_high, strict=True)
-        ),
-        strict=True,
-    )
+    numbers = weighed.theta.tolist()
+    intervals = [_interval(drawn[name], *at) for name, *at in zip(model.names, numbers, on_low, on_high, strict=True)]
     covariance = torch.linalg.inv(weighed.best.precision).diagonal()
     step = 1e-6
     slope = ((model.space.to_si(place + step) - model.space.to_si(place - step)) / (2 * step)).abs()
@@ -74,9 +69,9 @@ def _estimates(found: Found, chosen: Entry) -> dict[str, Estimate]:
     told = [name in found.prior for name in model.names]
     blind = (covariance * found.settings.volume > 1 / (1 + found.settings.blind)).tolist()
     return {
-        name: Estimate(value, None if unseen and not known else one, unit, below, above)
-        for name, unit, value, one, unseen, known, below, above in zip(
-            model.names, model.units, weighed.theta.tolist(), std, blind, told, low, high, strict=True
+        name: Estimate(value, None if unseen and not known else one, unit, *interval)
+        for name, unit, value, one, unseen, known, interval in zip(
+            model.names, model.units, numbers, std, blind, told, intervals, strict=True
         )
     }
 
