@@ -10,6 +10,8 @@ from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.grid import Grid
 from torchplate.diagnosis.field.infer import infer_field, with_field
 from torchplate.diagnosis.field.strength import Products, _solved, cross_validated, forms, solved
+from torchplate.diagnosis.judged import judged_at
+from torchplate.diagnosis.lines import every_nth
 from torchplate.diagnosis.result import Diagnosis, Gap, Location
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.target import FrfTarget
@@ -199,6 +201,23 @@ def test_the_model_with_the_field_is_what_was_told_of_it(scene, inferred):
     assert float(target.gap(read)) == pytest.approx(inferred.found.gap_after, rel=0.05, abs=2e-3)
     field = next(effect for effect in model.effects.values() if effect.name == "field")
     assert field.values == pytest.approx(inferred.found.values, rel=1e-4, abs=1e-9)
+
+
+@pytest.mark.check
+def test_what_a_field_takes_is_said_of_all_lines(scene):
+    """Of every second line it was found; what was measured has all of them."""
+    whole = scene.builder.target
+    builder = scene.builder.against(every_nth(whole, 2))
+    fit = judged_at(builder, scene.fit, {}, scene.fit.model.space.to_cube(scene.fit.theta))
+    found = infer_field(builder, fit, {}, **SILENT)
+    assert found is not None
+    with torch.no_grad():
+        before, after = (
+            float(whole.gap(model.frf(theta, whole.frequency)))
+            for model, theta in ((fit.model, fit.theta), (found.model, found.model.known[:0]))
+        )
+    assert found.found.gap_before == pytest.approx(before, rel=1e-4)
+    assert found.found.gap_after == pytest.approx(after, rel=0.05, abs=2e-3)
 
 
 @pytest.mark.check
