@@ -236,6 +236,7 @@ class TestResume:
             {"effects.wires.stiffness": [700, 2000]},
         ],
     )
+    @pytest.mark.check
     def test_of_another_search_is_refused(self, bench, make_config, command, changes):
         bench.run(["plate.youngs_modulus"], {"search.n_generation": 1})
         saved = (bench.folder / "out" / "config.yaml").read_text()
@@ -274,6 +275,7 @@ class TestCompare:
         found = bench.run()
         assert_refused(command("compare", found.folder), str(found.folder), "Compare searches only")
 
+    @pytest.mark.check
     def test_runs_of_other_objectives_are_refused(self, bench, command):
         folders = [
             bench.run(["plate.youngs_modulus"], {"search.n_generation": 1, "objective": {"kind": kind}}, kind).folder
@@ -353,6 +355,7 @@ class TestADeadChannel:
         whole.to_npz(bench.folder / "plate.npz")
 
     @pytest.mark.parametrize("optimizer", ["differential_evolution", "least_squares"])
+    @pytest.mark.check
     def test_is_left_out_and_named_and_the_rest_is_searched(self, bench, make_config, command, optimizer):
         self.silence(bench, reference=1)
         search = {"optimizer": optimizer, "n_member": 6, "n_generation": 2}

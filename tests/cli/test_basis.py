@@ -29,12 +29,14 @@ def in_a_basis(bench):
     return go
 
 
+@pytest.mark.check
 def test_the_error_at_the_best_and_in_the_population_is_written_down(in_a_basis):
     result = in_a_basis("trusted").result
     assert 0 < result["basis_error"] <= basis.TOLERANCE
     assert 0 < result["basis_error_of_population"] <= basis.TOLERANCE
 
 
+@pytest.mark.check
 def test_a_search_by_shared_modes_ends_where_one_on_all_dofs_does(bench):
     searched = ["plate.youngs_modulus", "wires.stiffness", "loss.stiffness_loss_factor"]
     shared, full = (
@@ -57,6 +59,7 @@ def test_residuals_of_a_basis_of_all_modes_are_not_taken(bench, monkeypatch):
     assert 0 < result["basis_error_of_population"] == result["basis_error"] <= basis.TOLERANCE
 
 
+@pytest.mark.check
 def test_a_basis_that_is_wrong_at_the_best_takes_it_in(in_a_basis, monkeypatch, capsys):
     measured = []
     sound = basis.basis_error
@@ -73,6 +76,7 @@ def test_a_basis_that_is_wrong_at_the_best_takes_it_in(in_a_basis, monkeypatch, 
     assert result["basis_error"] == pytest.approx(measured[1], rel=1e-3)
 
 
+@pytest.mark.check
 def test_a_basis_that_stays_wrong_is_given_up(in_a_basis, monkeypatch):
     monkeypatch.setattr(basis, "basis_error", lambda *_: 1.0)
     monkeypatch.setattr(evaluation, "basis_error", lambda *_: 1.0)
@@ -80,6 +84,7 @@ def test_a_basis_that_stays_wrong_is_given_up(in_a_basis, monkeypatch):
     assert "basis_error" not in result
 
 
+@pytest.mark.check
 def test_a_search_in_single_precision_finds_the_same_and_says_it_in_double(bench):
     searched = ["plate.youngs_modulus", "wires.stiffness", "loss.stiffness_loss_factor"]
     single, double = (
@@ -103,6 +108,7 @@ def test_a_search_in_single_precision_finds_the_same_and_says_it_in_double(bench
     assert "precision: single" in path.read_text()
 
 
+@pytest.mark.check
 def test_a_search_goes_on_in_the_precision_it_began_in(bench, command, monkeypatch):
     monkeypatch.chdir(bench.folder)
     bench.run(["plate.youngs_modulus"], {"search.precision": "single", "search.n_generation": 2})
@@ -143,6 +149,7 @@ def test_a_fine_mesh_without_a_basis_says_what_takes_the_time(bench, make_config
 
 
 @pytest.mark.parametrize("name", ["differential_evolution", "least_squares"])
+@pytest.mark.check
 def test_a_mesh_error_that_was_taken_off_anew_stands_in_the_result_and_the_report(bench, name):
     """And one half of the way after the other ends where all of it does."""
     search = {"search.optimizer": name, "search.n_generation": 6, "search.basis": "full"}

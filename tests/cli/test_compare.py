@@ -159,6 +159,7 @@ def test_figures_for_paper_are_pdf(two, tmp_path):
         assert (tmp_path / name).read_bytes().startswith(b"%PDF-")
 
 
+@pytest.mark.check
 def test_a_folder_of_runs_is_taken_apart_by_plate(seeds, bench, tmp_path):
     bench.run(["plate.youngs_modulus"], {"search.n_generation": 2, "mesh.refine": 2}, "e")
     bench.run(out="evaluated")
@@ -202,6 +203,7 @@ def test_searches_in_another_interval_are_a_line_of_their_own(seeds, bench, tmp_
 
 
 @pytest.mark.usefixtures("unrendered")
+@pytest.mark.check
 def test_comparisons_of_plates_in_folders_of_their_own_go_beside_their_runs(bench):
     for refine, home in ((1, "coarse"), (2, "fine")):
         bench.run(["plate.youngs_modulus"], {"search.n_generation": 1, "mesh.refine": refine}, f"runs/{home}/de")
@@ -211,6 +213,7 @@ def test_comparisons_of_plates_in_folders_of_their_own_go_beside_their_runs(benc
 
 
 @pytest.mark.usefixtures("unrendered")
+@pytest.mark.check
 def test_no_name_is_broken_on_a_screen_of_80_letters(bench, tmp_path):
     names = ["plate.youngs_modulus", "wires.stiffness", "wires.viscous_damping", "loss.stiffness_loss_factor"]
     bench.run(names, {"search.n_generation": 2}, "de")

@@ -193,6 +193,7 @@ def test_responses_that_are_cut_off_while_they_ring_are_said_to_leak(tmp_path, c
 
 
 @pytest.mark.parametrize("suffix", [".uff", ".npz"])
+@pytest.mark.check
 def test_a_window_that_was_laid_over_the_hits_stands_in_the_config(suffix, tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     paths = [wav(tmp_path / f"hit_{node}.wav", made.hit(node, n=512, seed=node)) for node in (12, 7)]

@@ -37,6 +37,7 @@ def test_finds_the_truth_of_exact_data(bench, truth):
     assert found.result["n_generation"] <= 40
 
 
+@pytest.mark.check
 def test_its_folder_is_that_of_any_search_but_for_the_checkpoint(bench):
     found = bench.run(SEARCHED, search(n_generation=3))
     other = bench.run(SEARCHED, {"search.n_generation": 3}, out="other")
@@ -58,6 +59,7 @@ def test_its_folder_is_that_of_any_search_but_for_the_checkpoint(bench):
 
 
 @pytest.mark.parametrize(("jacobian", "price"), [("autograd", 3), ("central", 6), ("forward", 3)])
+@pytest.mark.check
 def test_a_jacobian_counts_what_it_costs(bench, jacobian, price):
     history = rows(bench.run(SEARCHED, search(jacobian=jacobian, n_generation=1)).folder)
     # At each start a residual, a Jacobian and an objective; then a residual, and where it moves the other two again.
@@ -68,6 +70,7 @@ def test_a_jacobian_counts_what_it_costs(bench, jacobian, price):
 
 
 @pytest.mark.parametrize("jacobian", ["autograd", "central"])
+@pytest.mark.check
 def test_a_budget_of_evaluations_is_never_exceeded(bench, jacobian):
     budget = 6 * 8 * 3 + 5
     found = bench.run(SEARCHED, search(jacobian=jacobian, n_evaluation=budget, n_repeat=2))
@@ -85,6 +88,7 @@ def test_repeats_are_searches_of_their_own(bench):
     assert {row["search"] for row in rows(found.folder)} == {"0", "1", "2"}
 
 
+@pytest.mark.check
 def test_the_seed_repeats_it_and_another_does_not(bench):
     one, two, other = (
         bench.run(SEARCHED, search(n_generation=2, seed=seed), out=out) for out, seed in [("a", 3), ("b", 3), ("c", 4)]
@@ -93,6 +97,7 @@ def test_the_seed_repeats_it_and_another_does_not(bench):
     assert rows(one.folder)[0] == rows(two.folder)[0] != rows(other.folder)[0]
 
 
+@pytest.mark.check
 def test_compare_lays_it_over_a_population_search(bench, tmp_path, monkeypatch):
     for kind in ("png", "pdf"):
         monkeypatch.setattr(f"torchplate.report.comparison.{kind}", lambda *_: b"")
@@ -103,6 +108,7 @@ def test_compare_lays_it_over_a_population_search(bench, tmp_path, monkeypatch):
     assert groups["least_squares"].history.best.shape == (1, 6)
 
 
+@pytest.mark.check
 def test_polish_adds_nothing_to_it(bench):
     plain, polished = (
         bench.run(SEARCHED, search(n_generation=2, polish=polish), out=str(polish)) for polish in (False, True)
@@ -110,6 +116,7 @@ def test_polish_adds_nothing_to_it(bench):
     assert plain.result | {"search": 0} == polished.result | {"search": 0}
 
 
+@pytest.mark.check
 def test_a_measure_without_residuals_of_its_own_is_lowered_too(bench, truth):
     found = bench.run(SEARCHED, search() | {"objective": {"kind": "frac"}})
     assert found.result["objective"] < 1e-9
@@ -170,6 +177,7 @@ def test_a_config_that_names_it_is_read(bench, make_config):
 
 
 class TestWhatAResultSaysOfItsErrors:
+    @pytest.mark.check
     def test_correlations_stand_beside_the_standard_errors(self, bench):
         # A plate too thin by 3 %, so that there is something to be uncertain about.
         found = bench.run(SEARCHED, search(n_generation=8) | {"effects.plate.thickness": 0.003})
@@ -178,6 +186,7 @@ class TestWhatAResultSaysOfItsErrors:
         assert [row[k] for k, row in enumerate(table["matrix"])] == pytest.approx([1.0] * 3, rel=1e-12)
         assert all(abs(number) <= 1 + 1e-12 for row in table["matrix"] for number in row)
 
+    @pytest.mark.check
     def test_a_strong_correlation_is_said_in_the_report(self, bench):
         # Peaks fix E h² / ρ; the level, which is less exact, the rest.
         changes = search(n_generation=8) | {
@@ -191,6 +200,7 @@ class TestWhatAResultSaysOfItsErrors:
         assert f"| plate.youngs_modulus | plate.density | {value:+.3f} |" in report
         assert "go together" in report
 
+    @pytest.mark.check
     def test_where_nothing_is_correlated_nothing_is_said(self, bench):
         searched = ["plate.youngs_modulus", "loss.stiffness_loss_factor"]
         found = bench.run(searched, search(n_generation=15) | {"effects.plate.thickness": 0.003})
@@ -221,6 +231,7 @@ class TestTheMeasuredNoise:
         assert 2 * 0.1 / 262 / math.sqrt(3) < first["std"] / first["value"] < 2 * 0.1 / 104
 
     @pytest.mark.parametrize("kind", ["relative_frf_norm", "coherence_weighted"])
+    @pytest.mark.check
     def test_a_coherence_of_more_averages_is_a_smaller_standard_error(self, bench, kind):
         frfs = Measurement.from_npz(bench.folder / "plate.npz")
         coherence = torch.full(frfs.frf.shape, 0.9, dtype=torch.float64)

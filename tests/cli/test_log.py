@@ -204,6 +204,7 @@ def test_a_folder_that_is_searched_anew_shows_each_repeat_once(bench):
 
 
 @pytest.mark.parametrize("count", [8, *(pytest.param(count, marks=pytest.mark.check) for count in (5, 95, 98))])
+@pytest.mark.check
 def test_a_resumed_curve_follows_in_the_same_second_and_after_the_clock_was_set_back(bench, monkeypatch, count):
     from tensorboard.summary.writer import event_file_writer
 
@@ -257,6 +258,7 @@ class TestHeartbeat:
         assert said.getvalue() == before
 
     @pytest.mark.parametrize("optimizer", ["least_squares", "differential_evolution"])
+    @pytest.mark.check
     def test_a_piped_search_says_lines(self, bench, make_config, command, monkeypatch, optimizer):
         monkeypatch.setattr("torchplate.cli.progress.heartbeat.EVERY", 1e-3)
         search = {"optimizer": optimizer, "n_member": 6, "n_generation": 3}

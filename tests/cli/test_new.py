@@ -57,6 +57,7 @@ PLATE = ("--thickness", "0.003", "--material", "aluminium")
 
 
 @pytest.mark.parametrize(("where", "more"), FRAMES.values(), ids=FRAMES)
+@pytest.mark.check
 def test_the_channels_come_to_their_places_whatever_the_file_counts_from(where, more, roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", where)
     config = tmp_path / "plate.yaml"
@@ -151,6 +152,7 @@ def test_without_thickness_the_resonances_tell_it(roved, tmp_path, command):
     assert "plate.thickness" in recipe.model().names
 
 
+@pytest.mark.check
 def test_a_material_that_nobody_named_is_told_by_its_resonances(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", lambda p: p)
     status, out, _ = command("new", file, "--thickness", "0.003", "--out", tmp_path / "plate.yaml")
@@ -197,6 +199,7 @@ def test_guessed_sides_that_the_resonances_do_not_have_are_said_to_be_others(rov
         (lambda p: p, 2 * math.pi, "the frequency axis looks like rad/s that are taken for Hz"),
     ],
 )
+@pytest.mark.check
 def test_a_unit_that_the_resonances_contradict_is_named(where, axis, words, roved, tmp_path, command):
     file = written(replace(roved, frequency=axis * roved.frequency), tmp_path / "test.uff", where)
     status, out, _ = command("new", file, *PLATE, "--out", tmp_path / "plate.yaml")

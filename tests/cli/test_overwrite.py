@@ -49,6 +49,7 @@ def made(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("verb", COMMANDS)
+@pytest.mark.check
 def test_a_command_that_is_repeated_may_and_another_one_asks(verb, folder, bench, command, monkeypatch):
     if verb == "compare":
         for kind in ("png", "pdf"):
@@ -73,6 +74,7 @@ def test_a_command_that_is_repeated_may_and_another_one_asks(verb, folder, bench
         assert made(folder).keys() == first.keys()
 
 
+@pytest.mark.check
 def test_a_figure_of_another_file_is_kept_where_its_folder_was_named(folder, bench, make_config, command):
     other = folder / "other"
     other.mkdir()

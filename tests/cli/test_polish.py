@@ -16,6 +16,7 @@ def test_a_coarse_search_is_finished_at_the_truth(bench, truth):
     assert polished.result["n_evaluation"] > coarse.result["n_evaluation"]
 
 
+@pytest.mark.check
 def test_a_finish_that_raises_the_objective_is_not_taken(bench):
     # A plate too thin by 3 %, so that something is left to fit; least squares minimises another sum than the logarithm.
     changes = {"search.n_generation": 30, "objective": {"kind": "log_amplitude"}, "effects.plate.thickness": 0.003}

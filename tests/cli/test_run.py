@@ -156,6 +156,7 @@ def test_the_saved_config_gives_the_same_result_again(bench):
     assert rows(again.folder) == rows(first.folder)
 
 
+@pytest.mark.check
 def test_an_override_changes_the_run_and_is_in_the_saved_config(bench):
     plain = bench.run(["plate.youngs_modulus"], out="plain")
     other = bench.run(["plate.youngs_modulus"], overrides=["search.seed=9", "mesh.refine=2", "search.n_generation=2"])
@@ -225,6 +226,7 @@ def test_a_row_beyond_the_checkpoint_is_written_once(bench):
 
 
 @pytest.mark.parametrize("kept", [0, 20])
+@pytest.mark.check
 def test_a_search_that_had_ended_is_reported_without_a_curve_where_its_rows_are_gone(bench, kept):
     whole = bench.run(["plate.youngs_modulus"], overrides=["search.n_generation=2"])
     (whole.folder / "report.md").unlink()
@@ -235,6 +237,7 @@ def test_a_search_that_had_ended_is_reported_without_a_curve_where_its_rows_are_
     assert (again.folder / "report.md").is_file()
 
 
+@pytest.mark.check
 def test_resume_without_out_takes_the_latest_folder(bench, monkeypatch, command):
     monkeypatch.chdir(bench.folder)
     for name, n_generation in (("2020-01-01_00-00-00", 1), ("2021-01-01_00-00-00", 2)):
@@ -254,6 +257,7 @@ def test_without_out_the_folder_is_named_by_config_and_time(bench, make_config, 
     assert (folder / "result.json").is_file()
 
 
+@pytest.mark.check
 def test_a_folder_that_is_run_anew_shows_one_search_in_tensorboard(bench):
     for seed in (1, 2):
         found = bench.run(["plate.youngs_modulus"], overrides=[f"search.seed={seed}", "search.n_generation=3"])
@@ -262,6 +266,7 @@ def test_a_folder_that_is_run_anew_shows_one_search_in_tensorboard(bench):
 
 
 class TestCaveats:
+    @pytest.mark.check
     def test_natural_frequencies_alone_see_no_damping(self, bench, monkeypatch):
         monkeypatch.undo()  # its figures are rendered
         model = load_model(bench.folder / "truth.yaml")
@@ -325,6 +330,7 @@ class TestCaveats:
 
 
 @pytest.mark.parametrize("objective", ["relative_frf_norm", "relative_amplitude_norm", "log_amplitude"])
+@pytest.mark.check
 def test_a_level_without_a_unit_is_fitted(bench, truth, objective):
     bench.measure(gain=3.7)
     changes = {"measurement.gain": "unknown", "objective": {"kind": objective}, "search.n_generation": 15}
@@ -432,6 +438,7 @@ def mesh(edges):
 
 
 @pytest.mark.usefixtures("drawn")
+@pytest.mark.check
 def test_a_run_on_any_device_finds_the_truth_and_goes_on(bench, make_config, truth, device):
     path = bench.write(make_config(["plate.youngs_modulus"], {"search.basis": "auto", "search.polish": True}))
     for n_generation in (3, 15):

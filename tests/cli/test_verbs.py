@@ -54,6 +54,7 @@ def test_help_waits_neither_for_torch_nor_for_any_other_package():
     assert not modules_after(code) & {"torch", "numpy", "scipy", "matplotlib", "pydantic", "rich", "tensorboard"}
 
 
+@pytest.mark.check
 def test_a_model_is_loaded_without_what_only_reports_and_diagnoses_need():
     loaded = modules_after("import torchplate as tp\ntp.load_model, tp.read_measurement, tp.minimize")
     assert "torch" in loaded

@@ -166,6 +166,7 @@ def test_channels_are_those_that_were_measured_and_promise_something():
 
 
 @pytest.mark.parametrize("where", ["near", "far"])
+@pytest.mark.check
 def test_a_neutral_value_leaves_the_frfs_as_they_are(where):
     model = plate({"plate.youngs_modulus": Searched(1.8e11, 2.4e11)})
     theta = torch.tensor([2.01e11], dtype=torch.float64)

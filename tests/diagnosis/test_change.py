@@ -59,6 +59,7 @@ def of_tables(edge: float = 2.0e3, **changed: float):
     return what_changed(before, after)
 
 
+@pytest.mark.check
 def test_a_mass_that_was_lightened_is_named_from_natural_frequencies_alone():
     """Though a spring that nobody knows of moves the lowest mode by several per cent, in both tests."""
     found = of_tables(m2=0.002)
@@ -88,6 +89,7 @@ def test_masses_that_were_lightened_together_are_named_together():
 
 
 @pytest.mark.parametrize("mass", [pytest.param(0.0, marks=pytest.mark.check), 0.012])
+@pytest.mark.check
 def test_what_the_modes_of_a_model_that_is_far_off_leave_of_a_change_is_no_second_one(mass):
     """The spring that nobody knows of bends each mode: the mass that went leaves another part of each."""
     found = of_tables(2e4, m2=mass)
@@ -104,6 +106,7 @@ def test_tables_that_are_alike_name_nothing():
     assert found.remarks[0].startswith("No change")
 
 
+@pytest.mark.check
 def test_what_came_and_what_went_share_the_prior_of_their_name():
     tables = _tables(*(PlateTest(strip(), natural_frequencies=one) for one in (table(), table(m2=0.0))), SETTINGS)
     effect, prior = CATALOGUE["point_mass"](), {"x": Searched(0.0, 1.0), "y": Searched(0.0, 1.0)}
@@ -256,6 +259,7 @@ def test_what_is_said_beside_the_reference_is_said_of_the_test_and_its_own_noise
     assert torch.equal(target.at_all_lines.frequency, plain.frequency)
 
 
+@pytest.mark.check
 def test_a_mass_is_found_from_its_mirror_image():
     """Over the line in the middle the natural frequencies are alike: the wide levels alone end there."""
     comparing, change, wrong = lightened()

@@ -39,6 +39,7 @@ class Two:
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_a_name_that_another_fits_better_now_is_replaced(lab):
     two = Two(lab, "orthotropy", "sensor_gain", "time_delay")
     found = two.exchange.judged_again(two.state)
@@ -59,6 +60,7 @@ def test_a_name_that_another_fits_better_now_is_replaced(lab):
 
 @torch.no_grad()
 @pytest.mark.parametrize(("misfit", "times"), [(1.0, 10.0), (500.0, 2.0)])
+@pytest.mark.check
 def test_rivals_have_to_come_nearer_where_far_more_than_noise_is_left(lab, monkeypatch, misfit, times):
     two, limits = Two(lab, "orthotropy", "sensor_gain"), []
 
@@ -94,6 +96,7 @@ def test_a_right_name_stays_and_knows_its_rivals_now(lab):
     [("sensor_gain", "density"), pytest.param("density", "sensor_gain", marks=pytest.mark.check)],
 )
 @torch.no_grad()
+@pytest.mark.check
 def test_a_name_that_is_as_good_as_the_best_stays(lab, first, other):
     # A free plate of another density is one of another gain.
     two = Two(lab, first, other, "orthotropy")
@@ -103,6 +106,7 @@ def test_a_name_that_is_as_good_as_the_best_stays(lab, first, other):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_what_the_others_make_needless_is_taken_out(lab, monkeypatch):
     two = Two(lab, "sensor_gain")
     limits = []
@@ -128,6 +132,7 @@ def loud(fit, gap):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_a_name_that_takes_nothing_off_the_gap_is_none_where_more_than_noise_is_left(lab):
     """Its confidence would be 0.00: it was less beforehand that no effect describes what is missing."""
     two = Two(lab, "sensor_gain")
@@ -151,6 +156,7 @@ def test_a_name_that_takes_nothing_off_the_gap_is_none_where_more_than_noise_is_
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_where_no_name_stays_nothing_was_added(lab, monkeypatch):
     two = Two(lab, "sensor_gain")
     begun = two.state.previous.previous
@@ -174,6 +180,7 @@ def named_after(scene, state, name, **start):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_a_spring_and_a_dashpot_at_one_place_are_one_support(lab):
     scene = lab.Scene(hidden={"wire": (9e3, 6.0)})
     x, y = lab.spot

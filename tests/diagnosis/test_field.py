@@ -113,6 +113,7 @@ def scene(lab):
 
 
 @pytest.mark.parametrize("kind", ["stiffness", "mass", "loss", "support"])
+@pytest.mark.check
 def test_the_columns_are_the_derivatives_of_the_frfs(lab, kind):
     with torch.no_grad():
         scene = lab.Scene()

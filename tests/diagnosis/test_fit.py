@@ -95,6 +95,7 @@ def relative_error_of():
     return lambda one, other: float(((one - other).norm(dim=0) / other.norm(dim=0)).max())
 
 
+@pytest.mark.check
 def test_noise_scatters_the_parameters_as_the_covariance_says(lab, plate, truth, found):
     with torch.no_grad():
         frf = plate.frf(truth, LINES)
@@ -144,6 +145,7 @@ def test_without_parameters_there_is_nothing_to_fit(lab, plate, truth):
     assert seen.reduced_misfit == pytest.approx(1.0, abs=0.12)
 
 
+@pytest.mark.check
 def test_a_hopeless_fit_ends_with_its_first_basis(builder, plate, monkeypatch):
     bases = []
     reduced = builder.reduced
@@ -216,6 +218,7 @@ def test_plates_that_share_their_modes_are_evaluated_without_an_eigenproblem(bui
         assert float(((found - values).norm(dim=1) / values.norm(dim=1)).max()) < 1e-8
 
 
+@pytest.mark.check
 def test_a_basis_that_holds_the_end_too_is_not_built_anew(lab, plate, truth, monkeypatch):
     """Modes of the bare plate are the same at every modulus, and what wires do to them is in the basis."""
     builder = ModelBuilder(plate, measured(lab, plate.frf(truth, LINES), 0).with_mesh_error(LINES * 0, 0.0, 9))

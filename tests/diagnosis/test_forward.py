@@ -314,6 +314,7 @@ def test_both_of_two_are_named_with_their_numbers(diagnosed):
         (False, 0.4, 0.85, False),
     ],
 )
+@pytest.mark.check
 def test_where_more_is_missing_a_name_has_to_take_a_part_of_what_is_left(lab, by_noise, squares, gaps, worth):
     scene = lab.Scene(hidden={"gain": 1.5})
     far = lab.leaving(scene.fit, 1e6)._replace(left=0.8, by_noise=by_noise)
@@ -368,6 +369,7 @@ def test_a_baseline_that_stopped_too_soon_is_taken_up_from_where_an_effect_led(l
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, monkeypatch):
     """A wrong level beside peaks that do not overlap: neither is seen before the other is mended."""
     scene, said = lab.Scene(), []
@@ -478,6 +480,7 @@ def test_a_third_effect_is_not_looked_for_where_two_leave_far_more_than_noise_an
         ((), 5.0, []),
     ],
 )
+@pytest.mark.check
 def test_where_one_of_two_that_promised_much_is_needless_another_is_looked_for(lab, monkeypatch, stays, misfit, names):
     """The first may only have led to the second, and what is missing beside that was not looked for without it."""
     scene = lab.Scene()
@@ -502,6 +505,7 @@ def test_where_one_of_two_that_promised_much_is_needless_another_is_looked_for(l
 
 @torch.no_grad()
 @pytest.mark.parametrize(("misfit", "first"), [(500.0, True), (5.0, False)])
+@pytest.mark.check
 def test_where_far_more_than_noise_is_left_a_second_is_looked_for_where_smoothed_frfs_ended(
     lab, monkeypatch, misfit, first
 ):
@@ -526,6 +530,7 @@ def test_where_far_more_than_noise_is_left_a_second_is_looked_for_where_smoothed
 
 @torch.no_grad()
 @pytest.mark.parametrize(("leaves", "needed"), [(5e5, True), (1.7e6, False)])
+@pytest.mark.check
 def test_a_second_effect_has_to_be_more_probable_than_the_first_alone_at_its_end(lab, monkeypatch, leaves, needed):
     """Where smoothed FRFs had taken the first, it leaves more: what does nothing takes a part of that."""
     scene = lab.Scene()
@@ -550,6 +555,7 @@ def test_a_second_effect_has_to_be_more_probable_than_the_first_alone_at_its_end
 
 @torch.no_grad()
 @pytest.mark.parametrize(("off", "taken"), [(0.0, True), (50.0, False)])
+@pytest.mark.check
 def test_an_end_elsewhere_in_the_box_counts_by_what_hypotheses_are_compared_by(lab, monkeypatch, off, taken):
     """Far from noise a sum of squares counts for little, and what is known of a number for all that it is."""
     scene = lab.Scene()
@@ -575,6 +581,7 @@ def far_from_noise(found: Fit) -> Fit:
 
 @torch.no_grad()
 @pytest.mark.parametrize(("most", "hides", "expected"), [(3, True, 2), (3, False, 1), (1, True, 1)])
+@pytest.mark.check
 def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeypatch, most, hides, expected):
     """One of two may be so small that noise covers it, and still be more probable than none."""
     scene, said, asked = lab.Scene(), [], []
@@ -606,6 +613,7 @@ def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeyp
 
 @torch.no_grad()
 @pytest.mark.parametrize("promised", [pytest.param(0.0, marks=pytest.mark.check), 6.0, 8.0])
+@pytest.mark.check
 def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(lab, monkeypatch, promised):
     scene = lab.Scene()
     selection = ForwardSelection(scene.builder, {}, lambda _: None)
@@ -738,6 +746,7 @@ def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab, monkeypatch):
     scene = lab.Scene(hidden={"gain": 1.5})
     selection = ForwardSelection(scene.builder, {}, lambda _: None)

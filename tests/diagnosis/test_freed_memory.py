@@ -26,6 +26,7 @@ for n_next in (0, 2**18, 2**20):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only the GNU C library is asked")
+@pytest.mark.check
 def test_pages_between_those_in_use_go_back():
     told = subprocess.run([sys.executable, "-c", WORK], capture_output=True, check=True).stdout
     unasked, of_little, of_much = map(float, told.split())

@@ -129,6 +129,7 @@ def softened(lab):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_candidates_are_scored_beside_the_plate_as_it_was_told(lab):
     """Where a thickness and a modulus that wander by many times what plates have took on a soft patch."""
     selection, _ = softened(lab)
@@ -155,6 +156,7 @@ def test_what_large_nuisances_took_on_is_found_where_it_is(lab):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_a_fit_that_is_judged_again_costs_what_it_did(lab):
     """Else hypotheses would be compared with a baseline that is judged beside nuisances of another size."""
     selection = selection_of(hammered(lab, 1, TOLD), given(), TOLD)

@@ -65,6 +65,7 @@ def workshop(lab) -> SimpleNamespace:
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_a_plate_that_wanders_is_fitted_to_its_noise(workshop):
     """Though the plate that was meant misses it by more than half."""
     away = (workshop.frf - workshop.uniform).norm(dim=0) / workshop.frf.norm(dim=0)
@@ -83,6 +84,7 @@ def test_a_plate_that_wanders_is_fitted_to_its_noise(workshop):
 
 @torch.no_grad()
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.check) for seed in (1, 2))])
+@pytest.mark.check
 def test_no_way_ends_less_probable_than_it_began(workshop, seed):
     joint, generator = workshop.joint, torch.Generator().manual_seed(seed)
     shift = workshop.shift + 0.5 * torch.randn(len(workshop.shift), generator=generator, dtype=torch.float64)
@@ -111,6 +113,7 @@ def test_a_step_that_leads_up_is_not_taken(workshop, monkeypatch):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_along_a_valley_that_priors_alone_make_uneven_the_way_is_not_left_half_way(workshop):
     """A law of a third more loss, each mode as much below it: the FRFs are the same, their scatter is less likely."""
     joint, n = workshop.joint, workshop.specimens.n_term
@@ -126,6 +129,7 @@ def test_along_a_valley_that_priors_alone_make_uneven_the_way_is_not_left_half_w
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_how_well_a_specimen_is_known_hangs_on_no_interval(workshop):
     """One hypothesis has a parameter known to a millionth of what is searched, another has not."""
     builder = workshop.builder
@@ -223,6 +227,7 @@ def test_what_was_evaluated_a_moment_ago_is_not_evaluated_again(workshop, monkey
 
 @torch.no_grad()
 @pytest.mark.parametrize(("part", "goes_on"), [(1.0, True), (1.05, False)])
+@pytest.mark.check
 def test_far_off_nuisances_are_not_found_anew(workshop, monkeypatch, part, goes_on):
     """They take on what the parameters have not found; near the end they turn out smaller than was said."""
     builder = workshop.builder
@@ -253,6 +258,7 @@ def test_a_fit_that_is_beaten_ends_in_its_first_basis_unless_its_nuisances_say_o
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_what_is_known_of_a_specimen_is_where_the_next_fit_begins(workshop):
     builder = workshop.builder
     first = fit_from_the_box(builder, builder.given, {})
@@ -264,6 +270,7 @@ def test_what_is_known_of_a_specimen_is_where_the_next_fit_begins(workshop):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_a_fit_that_another_basis_can_gain_nothing_for_is_not_gone_on_with(workshop, monkeypatch):
     builder = workshop.builder
     first = fit_from_the_box(builder, builder.given, {})
@@ -286,6 +293,7 @@ def test_a_fit_that_another_basis_can_gain_nothing_for_is_not_gone_on_with(works
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_hypotheses_from_one_specimen_are_compared_beside_one_variance(workshop):
     """What is not linear adds as much beside each, or −2 ln L would say how well each knows the specimen."""
     builder = workshop.builder
@@ -412,6 +420,7 @@ def test_records_that_drift_and_channels_of_another_level_are_read_as_one_test(w
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_columns_of_the_specimen_are_not_held_while_the_next_are_made(workshop, monkeypatch, collect):
     """Each as long as all FRFs: of 121 of them they are 55 MiB. After the way none are held at all."""
     made = fitted_at_once.specimen_columns

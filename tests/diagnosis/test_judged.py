@@ -4,12 +4,15 @@ import gc
 import weakref
 from dataclasses import replace
 
+import pytest
+
 from torchplate.diagnosis import judged
 from torchplate.diagnosis.judged import LAST
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.measurement import Imperfections
 
 
+@pytest.mark.check
 def test_nuisances_of_fits_long_past_are_given_back_and_made_again_the_same(lab):
     """Those of every hypothesis, each as long as all FRFs times their number, would be gigabytes."""
     scene = lab.Scene(hidden={"gain": 1.0})

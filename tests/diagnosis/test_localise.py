@@ -62,6 +62,7 @@ GROUNDED = {
 
 
 @pytest.mark.parametrize(("name", "response"), [("point_mass", RESPONSE), *((name, RESPONSE[:1]) for name in GROUNDED)])
+@pytest.mark.check
 def test_what_is_at_a_place_is_found_there_and_told_by_its_kind(lab, name, response):
     kind, value, unit = GROUNDED[name]
     found = Case(lab, hide(name, PLACE | value), response=response).located()
@@ -91,6 +92,7 @@ def test_a_mass_that_shifts_resonances_by_many_widths_is_found(lab):
 
 
 @pytest.mark.parametrize("kind", ["receptance", "mobility"])
+@pytest.mark.check
 def test_the_kind_of_frf_changes_nothing(lab, kind):
     found = Case(lab, hide("point_mass", PLACE | {"mass": 0.008}), kind=kind).located()
     assert found.kind["mass"] > 0.95
@@ -117,6 +119,7 @@ def test_a_sensor_chain_that_the_model_knows_turns_no_mass_into_a_dashpot(lab):
         ("time_delay", {"delay": -2.5e-3}, "a delay of -2.5 ms would"),
     ],
 )
+@pytest.mark.check
 def test_what_all_channels_share_is_the_sensor_chain(lab, name, value, said):
     found = Case(lab, hide(name, value)).located()
     assert found.kind["sensor chain"] > 0.98
@@ -133,6 +136,7 @@ def test_a_gain_and_a_delay_are_found_together(lab):
 
 
 @pytest.mark.parametrize(("channels", "said"), [([(3, 52)], "on 3w/52w alone"), ([(17, None)], "all of response 17w")])
+@pytest.mark.check
 def test_a_channel_of_the_wrong_sign_is_named(lab, channels, said):
     found = Case(lab, hide("channel_polarity", {}, channels=channels)).located()
     assert found.kind["single channel"] > 0.98

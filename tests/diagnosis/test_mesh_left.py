@@ -30,6 +30,7 @@ def exactly(x: float, y: float, n: int = 1500) -> float:
 
 
 @pytest.mark.parametrize("n", [12, 24])
+@pytest.mark.check
 def test_a_place_gives_as_much_more_under_a_force_as_is_taken_for_granted(n):
     places = [((n // 2 - 2 + x) / n, (n // 2 - 1 + y) / n) for x, y in IN_ELEMENT]
     mesh = Mesh(SIDE, SIDE, n, n, edges=dict.fromkeys(EDGES, "simply_supported"))
@@ -109,6 +110,7 @@ def test_what_is_not_at_a_place_is_left_as_it_is():
 
 @pytest.mark.parametrize("cells", [(3, 2), pytest.param((4, 4), marks=pytest.mark.check)])
 @torch.no_grad()
+@pytest.mark.check
 def test_frfs_that_were_computed_on_the_given_mesh_are_said_to_be_and_no_effect_stands_in_for_its_error(lab, cells):
     known = {"plate.poisson_ratio": 0.31, "plate.density": 7700.0, "plate.thickness": 0.0031}
     known |= {"loss.stiffness_loss_factor": 6.2e-3}
@@ -188,6 +190,7 @@ def test_of_a_plate_of_another_kind_the_mesh_error_is_taken_off_anew(lab, name, 
         assert builder.corrected(one, theta).model.assembly is given.model.assembly
 
 
+@pytest.mark.check
 def test_of_a_plate_with_a_lossy_patch_its_losses_have_their_mesh_error_taken_off():
     """Loss factors of modes on 7 × 7 elements against those on four times as many along a side."""
     mesh = Mesh(SIDE, 0.8 * SIDE, 7, 7)

@@ -53,6 +53,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("plate", "loss", "step", "share", "how"), CASES)
+@pytest.mark.check
 def test_the_floor_of_many_frfs_is_found(lab, plate, loss, step, share, how):
     # At 1.5e-3 and 1 Hz most peaks are far narrower than the line spacing.
     frf = without_noise(lab, plate, loss, step)
@@ -83,6 +84,7 @@ def test_the_floor_of_a_single_frf_is_found(lab, loss, share, how):
     ("kind", "power", "motion"),
     [pytest.param("receptance", -2, "acceleration", marks=pytest.mark.check), ("mobility", 1, "displacement")],
 )
+@pytest.mark.check
 def test_a_floor_that_is_flat_in_another_motion_is_told_from_its_course(lab, kind, power, motion):
     """An accelerometer's beside receptances, a distance sensor's beside mobilities: std in proportion to f^power."""
     line = lab.lines(0.5)
@@ -301,6 +303,7 @@ def test_what_repeats_in_every_record_is_no_noise(lab, distorted):
 
 
 @pytest.mark.parametrize(("loud", "drowned"), [([], []), ([2], [2]), ([0, 4], [0, 4]), ([0, 1, 2, 3], [])])
+@pytest.mark.check
 def test_what_is_mostly_scatter_says_nothing_of_the_plate(lab, loud, drowned):
     """Without a coherence a clipped sensor looks as noisy as what it adds; the others say how noisy the test is."""
     frequency = lab.lines(1.0)

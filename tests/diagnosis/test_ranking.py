@@ -30,6 +30,7 @@ def scene(lab):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_what_came_near_before_is_tried_again_from_where_it_ended(scene, monkeypatch):
     gain, mass = scene.hypothesis("sensor_gain"), scene.hypothesis("point_mass")
     assert gain.fit.gap < 0.2 * scene.fit.gap < mass.fit.gap
@@ -53,6 +54,7 @@ def test_what_came_near_before_is_tried_again_from_where_it_ended(scene, monkeyp
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_the_best_are_followed_as_long_as_that_takes_them_further(lab, scene, monkeypatch):
     first, second = scene.hypothesis("point_mass"), scene.hypothesis("time_delay")
     # Both leave far more than noise, one of them more than the other by far more than rounding.
@@ -77,6 +79,7 @@ def test_the_best_are_followed_as_long_as_that_takes_them_further(lab, scene, mo
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_what_came_near_the_best_is_fitted_again_from_where_that_was_taken(lab, monkeypatch):
     scene = lab.Scene(hidden={"wire": (2000.0, 0.5)})
     spring, mass = scene.hypothesis("ground_spring", start=0.4), scene.hypothesis("point_mass")
@@ -110,6 +113,7 @@ def test_what_came_near_the_best_is_fitted_again_from_where_that_was_taken(lab, 
 
 @torch.no_grad()
 @pytest.mark.parametrize("aspect", [1.0, 2.0])
+@pytest.mark.check
 def test_a_patch_that_was_found_is_fitted_as_a_rectangle_and_is_a_square_where_that_is_enough(lab, aspect):
     scene = lab.Scene(hidden={"patch": 0.4, "aspect": aspect})
     square = scene.hypothesis("stiffness_loss")
@@ -131,6 +135,7 @@ def test_a_patch_that_was_found_is_fitted_as_a_rectangle_and_is_a_square_where_t
 
 @torch.no_grad()
 @pytest.mark.parametrize("idle", [("mass_coefficient",), ("mass_coefficient", "stiffness_coefficient"), ()])
+@pytest.mark.check
 def test_a_number_that_does_nothing_is_left_out_and_costs_nothing(lab, scene, idle):
     whole = scene.hypothesis("viscous_damping")
     names, space = whole.fit.model.names, whole.fit.model.space
@@ -156,6 +161,7 @@ def test_a_number_that_does_nothing_is_left_out_and_costs_nothing(lab, scene, id
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, monkeypatch):
     starts = []
 
@@ -179,6 +185,7 @@ def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, m
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_the_residual_force_says_where_to_start_and_how_large(lab):
     # 5 % of the plate: peaks do not overlap.
     scene = lab.Scene(2.05e11, {"mass": 0.15})
@@ -200,6 +207,7 @@ def test_the_residual_force_says_where_to_start_and_how_large(lab):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_what_took_less_than_it_promised_is_looked_for_farther_off(lab, scene):
     gain = scene.hypothesis("sensor_gain")
     base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
@@ -220,6 +228,7 @@ def test_what_took_less_than_it_promised_is_looked_for_farther_off(lab, scene):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_what_falls_behind_at_a_wide_level_goes_down_no_further_but_for_the_best_two(scene, monkeypatch):
     base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
     names = ("sensor_gain", "point_mass", "density", "thickness")
@@ -247,6 +256,7 @@ def test_what_falls_behind_at_a_wide_level_goes_down_no_further_but_for_the_best
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_what_stays_far_above_the_best_beside_the_axis_is_not_refitted(scene, monkeypatch):
     ranking, state, every = scene.ranking, scene.state, ("sensor_gain", "point_mass", "density", "thickness")
     base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
@@ -279,6 +289,7 @@ def test_what_stays_far_above_the_best_beside_the_axis_is_not_refitted(scene, mo
 
 @torch.no_grad()
 @pytest.mark.parametrize("known", [True, False])
+@pytest.mark.check
 def test_what_sits_at_a_place_and_what_does_not_are_refitted_together_beside_a_known_specimen(
     scene, monkeypatch, known
 ):
@@ -330,6 +341,7 @@ def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, monkeypatch):
     scene = lab.Scene(hidden={"wire": (700.0, 0.0)})
     right = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
@@ -366,6 +378,7 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, 
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_one_that_leaves_noise_stopped_short_too_where_a_support_is_far_more_likely(lab):
     scene = lab.Scene(hidden={"wire": (700.0, 0.0)})
     right = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
@@ -409,6 +422,7 @@ def test_beside_noise_what_promises_no_more_than_chance_waits_for_one_that_is_ne
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_what_the_mesh_may_have_left_adds_to_what_chance_takes_where_it_looks_like_the_effect(lab):
     """A vector's projection is no longer than those of its two parts together."""
     quiet = lab.Scene(hidden={"gain": 1.0})

@@ -119,6 +119,7 @@ def test_starts_of_one_candidate_lie_apart(table):
 
 
 @pytest.mark.parametrize("gain", [0.96, pytest.param(1.05, marks=pytest.mark.check)])
+@pytest.mark.check
 def test_the_sign_of_a_change_is_found(lab, gain):
     found = scored(lab, ("sensor_gain", {"gain": gain}), near=True)
     (own,) = [one for one in found if one.candidate.name == "sensor_gain"]
@@ -136,6 +137,7 @@ def test_where_peaks_do_not_overlap_a_large_mass_still_comes_first(lab):
     assert (own.values["x"], own.values["y"]) == pytest.approx(SPOT, abs=0.2)
 
 
+@pytest.mark.check
 def test_what_no_refit_could_part_is_parallel(lab):
     """Density and thickness change frequencies and level; the modulus and the wires take back all but the level."""
     searched = ("plate.youngs_modulus", "wires.stiffness", "wires.viscous_damping", "loss.stiffness_loss_factor")
@@ -152,6 +154,7 @@ def test_what_no_refit_could_part_is_parallel(lab):
 
 @pytest.mark.parametrize(("young", "free"), [(2.2e11, True), (2.29999e11, False)], ids=["inside", "on the edge"])
 @torch.no_grad()
+@pytest.mark.check
 def test_what_sits_on_the_edge_of_its_interval_cannot_do_what_an_effect_would(lab, young, free):
     scene = lab.Scene(young)
     base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
@@ -168,6 +171,7 @@ def test_what_sits_on_the_edge_of_its_interval_cannot_do_what_an_effect_would(la
 
 
 @pytest.mark.parametrize("near", [True, False], ids=["sharp", "wide"])
+@pytest.mark.check
 def test_exchanged_channels_score_what_solving_again_would_give(lab, near, monkeypatch):
     model = plate({name: BOX[name] for name in ("plate.youngs_modulus", "loss.stiffness_loss_factor")})
     with torch.no_grad():

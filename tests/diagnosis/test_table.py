@@ -77,12 +77,14 @@ def massive() -> tp.diagnosis.Diagnosis:
     return diagnose_table(plate(YOUNG), table(14, hidden, scatter=1e-3), settings=QUICK)
 
 
+@pytest.mark.check
 def test_a_mass_of_three_percent_of_the_plate_is_named_from_fourteen_frequencies():
     found = massive()
     assert found.verdict == "explained"
     assert "point_mass" in names(found)
 
 
+@pytest.mark.check
 def test_an_interval_holds_the_hidden_number_and_its_mirror_images():
     one = next(one for one in massive().effects if one.name == "point_mass")
     mass = one.parameters["mass"]
@@ -112,6 +114,7 @@ def test_nothing_is_named_where_nothing_is_hidden():
     assert not names(found)
 
 
+@pytest.mark.check
 def test_what_scatter_leaves_of_a_right_model_is_seldom_called_unexplained():
     model, std = plate(YOUNG), 1e-3 * exact(12)
     seen = []

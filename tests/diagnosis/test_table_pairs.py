@@ -57,6 +57,7 @@ def alone(comparing: Comparing, name: str) -> Weighed:
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_a_table_finds_how_long_a_patch_is():
     """Square ones leave several times the scatter of a patch that is twice as long as wide."""
     comparing = bench("given", 1, 3e-4, LONG)
@@ -67,6 +68,7 @@ def test_a_table_finds_how_long_a_patch_is():
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_the_mesh_error_of_a_patch_is_taken_off_where_it_was_found():
     """Of the even plate it is another: what stays of it is a tenth of a per cent, several times this scatter."""
     comparing = bench("corrected", 6, 2e-4, LONG)
@@ -152,6 +154,7 @@ def test_an_interval_begins_at_the_bound_that_its_number_sits_on(on):
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_intervals_are_those_of_all_hypotheses_that_have_what_is_named():
     """What is less probable says another number, with its part of the draws; what has another effect says none."""
     comparing = bench("given", 1, 1e-3, TAPER)
@@ -177,6 +180,7 @@ def test_intervals_are_those_of_all_hypotheses_that_have_what_is_named():
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_on_the_second_mesh_refits_begin_where_those_on_the_first_have_ended(monkeypatch):
     comparing = bench("given", 1, 1e-3, ("point_mass", {}, {"x": 0.23, "y": 0.31, "mass": 0.15}))
     table = comparing.plates.evidence
@@ -201,6 +205,7 @@ def test_on_the_second_mesh_refits_begin_where_those_on_the_first_have_ended(mon
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_a_mirror_image_that_is_the_same_plate_but_for_its_wires_is_tried_too():
     """Wires near two sides of a square tell along from across; a refit that ends in the one finds the other."""
     mesh = Mesh(0.4, 0.4, 8, 8)

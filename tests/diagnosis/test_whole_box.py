@@ -76,6 +76,7 @@ def grid(mass: float, scatter: float, n: int = 40) -> tuple[torch.Tensor, torch.
 
 
 @pytest.mark.parametrize(("mass", "scatter"), [pytest.param(0.02, 4e-3, marks=pytest.mark.check), (0.15, 4e-3)])
+@pytest.mark.check
 def test_a_mass_counts_for_what_its_likelihood_holds_over_the_whole_plate(mass, scatter):
     """20 g that hardly show may be anywhere; 150 g are on a bent valley of place and size, four times over."""
     with torch.no_grad():
@@ -108,6 +109,7 @@ def test_of_a_prior_with_a_narrow_half_laplace_and_the_whole_box_say_the_same():
     assert found.evidence < without[0].evidence - 6
 
 
+@pytest.mark.check
 def test_a_sample_of_the_posterior_has_its_quantiles():
     with torch.no_grad():
         one, problem = weighed(0.15, 4e-3)
@@ -125,6 +127,7 @@ def test_a_sample_of_the_posterior_has_its_quantiles():
             assert share == pytest.approx(level, abs=cell + 3 * 0.5 / math.sqrt(SETTINGS.drawing.n_effective)), name
 
 
+@pytest.mark.check
 def test_what_is_known_beforehand_is_a_density_on_the_box():
     """Over E alone the prior holds 1: with a table that says nothing, Z is the likelihood itself."""
     with torch.no_grad():
@@ -154,6 +157,7 @@ def test_a_refit_that_is_hopeless_after_its_first_steps_is_not_followed(monkeypa
 
 
 @torch.no_grad()
+@pytest.mark.check
 def test_no_basis_of_a_hypothesis_is_kept_beside_what_was_found(monkeypatch, collect):
     """A basis is as large as all elements in it, where these differ: those of all hypotheses were gigabytes."""
     made: list[weakref.ref] = []

@@ -134,6 +134,7 @@ def test_the_residuals_have_exact_derivatives():
     torch.testing.assert_close(found, differences, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.check
 def test_frequencies_and_shapes_find_the_parameters_of_a_plate():
     model = plate(*TRUTH)
     found = identify(

@@ -120,6 +120,7 @@ def test_a_grain_turns_the_damping_that_each_mode_has_of_its_own():
 @pytest.mark.parametrize(
     "viscous", [pytest.param(0.0, marks=pytest.mark.check), 1e-6, pytest.param(1e-5, marks=pytest.mark.check)]
 )
+@pytest.mark.check
 def test_a_lossy_patch_couples_the_modes_that_a_grain_changes(viscous):
     """Modes beside one another give each other what the patch loses: without that columns are a quarter wrong."""
     told, step = Imperfections(0.0, 0.0, 0.0, 0.0), 1e-4
@@ -226,6 +227,7 @@ def test_what_a_sensor_weighs_moves_with_it(axis):
 
 @pytest.mark.parametrize("swapped", [[(3, None), (17, None)], [(None, 7), (None, 21)]], ids=["sensors", "hits"])
 @pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.check
 def test_places_of_exchanged_channels_are_those_where_they_are_read(axis, swapped):
     """What is put into a model in the end is what the columns say; one of the sensors weighs something, too."""
     bare = plate()
@@ -300,6 +302,7 @@ def test_the_second_order_is_what_the_first_leaves_out_and_scales_with_the_size(
     assert float(small[0] / small[1]) == pytest.approx(16.0, rel=0.02)
 
 
+@pytest.mark.check
 def test_places_far_off_are_second_order_too():
     """Mean square over draws of what first order leaves, at places off by a fiftieth of a side."""
     size = 0.01

@@ -26,6 +26,7 @@ def solver(objective, theta):
     return torch.linalg.pinv(((residual[:n] - residual[n:]) / 2e-5).mT)
 
 
+@pytest.mark.check
 def test_standard_errors_are_the_spread_of_estimates_from_noisy_repeats(bench):
     model = bench.model(["plate.youngs_modulus", "wires.stiffness", "loss.stiffness_loss_factor"])
     truth, estimates, predicted = bench.truth(model), [], []
@@ -153,6 +154,7 @@ def averaged(frf, n_test, generator):
     ("n_test", "low", "high"),
     [pytest.param(200, 85, 95, id="200", marks=pytest.mark.check), pytest.param(60, 80, 98.4, id="60")],
 )
+@pytest.mark.check
 def test_nine_of_ten_intervals_of_90_percent_hold_the_truth(
     bench, noise, kind, n_average, n_test, low, high, record_property
 ):
@@ -189,6 +191,7 @@ def test_nine_of_ten_intervals_of_90_percent_hold_the_truth(
     assert all(low <= percent <= high for percent in held.tolist()), held.tolist()
 
 
+@pytest.mark.check
 def test_the_intervals_follow_the_estimate_that_the_objective_makes(bench):
     """One FRF ten times as noisy as the rest counts less to a sum of norms than to a sum of squares."""
     model = bench.model(["plate.youngs_modulus", "loss.stiffness_loss_factor"])
@@ -255,6 +258,7 @@ class TestNoiseVariance:
 
 
 @pytest.mark.parametrize("kind", OBJECTIVES)
+@pytest.mark.check
 def test_the_exact_jacobian_is_that_of_differences(bench, kind):
     model = bench.model(["plate.youngs_modulus", "wires.stiffness", "loss.stiffness_loss_factor"])
     truth = bench.truth(model)
@@ -276,6 +280,7 @@ def test_the_exact_jacobian_is_that_of_differences(bench, kind):
         assert float((exact - central).norm() / exact.norm()) < 1e-6
 
 
+@pytest.mark.check
 def test_correlations_are_those_of_estimates_from_noisy_repeats(bench):
     model = bench.model(["plate.youngs_modulus", "plate.density", "wires.stiffness"])
     truth = bench.truth(model)

@@ -88,6 +88,7 @@ def test_a_base_that_moves_moves_the_air_too():
     torch.testing.assert_close(load, model.system(NONE).mass @ mesh.rigid_translation, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.check
 def test_without_air_sparse_matrices_are_those_of_the_plate_alone():
     """A density of zero, as in a vacuum."""
     mesh = Mesh(0.5, 0.3, 6, 4)
@@ -136,6 +137,7 @@ def test_plates_of_one_mass_share_their_modes_in_air_as_they_do_without():
 
 
 @pytest.mark.parametrize("name", ["plate.density", "air.density"])
+@pytest.mark.check
 def test_plates_whose_air_is_another_part_of_their_mass_have_modes_of_their_own(name: str):
     ends = {"plate.density": (2500.0, 2900.0), "air.density": (1.0, 1.4)}[name]
     searched = {"plate.youngs_modulus": Searched(6e10, 8e10), name: Searched(*ends)}

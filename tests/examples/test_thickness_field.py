@@ -17,6 +17,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Found, Path]:
     return result, out
 
 
+@pytest.mark.check
 def test_the_field_is_found_far_better_than_any_uniform_plate(found: tuple[Found, Path]) -> None:
     result = found[0]
     # A tenth was found in this short form; a fourth leaves room for other processors.
@@ -24,6 +25,7 @@ def test_the_field_is_found_far_better_than_any_uniform_plate(found: tuple[Found
     assert result.best_uniform_error < result.start_error
 
 
+@pytest.mark.check
 def test_an_frf_that_no_fit_has_seen_is_foretold(found: tuple[Found, Path]) -> None:
     result = found[0]
     # The noise of the fitted FRFs is 1 % of them; the start misses the peaks, which is nearly all of the norm.

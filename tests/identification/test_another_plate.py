@@ -55,6 +55,7 @@ def said(sides, measurement, numbers, gain_is_unknown=False, extra=None, searche
 
 @pytest.mark.parametrize("kind", ["receptance", "mobility", "accelerance"])
 @pytest.mark.parametrize("sides", SIDES.values(), ids=SIDES)
+@pytest.mark.check
 def test_a_test_of_the_plate_itself_passes_without_a_word(sides, kind):
     assert said(sides, hit(sides, STEEL, kind=kind), STEEL) == ()
 
@@ -118,6 +119,7 @@ def test_where_the_level_is_unknown_the_resonances_alone_speak():
 
 
 @pytest.mark.parametrize("described", [False, True], ids=["isotropic", "with its grain searched"])
+@pytest.mark.check
 def test_a_plate_of_wood_with_the_density_of_steel_is_named(described):
     """No isotropic plate is near to it, and one of wood is."""
     sides = (0.58, 0.22)

@@ -55,6 +55,7 @@ def test_a_search_that_has_settled_on_frfs_of_another_plate_is_told_as_poor(benc
 
 @pytest.mark.parametrize("objective", ["log_amplitude", "relative_frf_norm"])
 @pytest.mark.parametrize("gain_is_unknown", [True, False])
+@pytest.mark.check
 def test_a_sensor_upside_down_is_told_where_all_frfs_have_the_other_sign(bench, objective, gain_is_unknown):
     frfs = bench.exact_frfs()
     turned = type(frfs)(**{**vars(frfs), "frf": -frfs.frf})
@@ -69,6 +70,7 @@ def test_a_sensor_upside_down_is_told_where_all_frfs_have_the_other_sign(bench, 
 
 @pytest.mark.parametrize("objective", ["log_amplitude", "relative_frf_norm"])
 @pytest.mark.parametrize("gain_is_unknown", [True, False])
+@pytest.mark.check
 def test_phases_that_are_all_mirrored_are_told(bench, objective, gain_is_unknown):
     """As of exp(−iωt), on lines that are too coarse for their peaks to tell which way time runs."""
     frfs = bench.exact_frfs()
@@ -159,6 +161,7 @@ def test_one_channel_upside_down_is_told_and_what_turns_it(bench, side, channel,
 
 @pytest.mark.parametrize("gain_is_unknown", [True, False])
 @pytest.mark.parametrize("factor", [0.7, 2.0])
+@pytest.mark.check
 def test_a_channel_with_a_gain_of_its_own_is_told_with_how_much(bench, factor, gain_is_unknown):
     frfs = bench.exact_frfs()
     frf = torch.cat(

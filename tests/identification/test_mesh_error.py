@@ -84,6 +84,7 @@ def off(case, result) -> dict[str, float]:
     return {name: abs(one.value / case[0][name] - 1) for name, one in result.parameters.items()}
 
 
+@pytest.mark.check
 def test_a_plate_of_another_poisson_ratio_is_found_without_its_own_mesh_error():
     """With the mesh error of the middle of the box they were 3.5e-3 and 2.7e-2 off."""
     told: list[str] = []
@@ -137,6 +138,7 @@ def table_of(values: dict[str, float]) -> NaturalFrequencies:
 @pytest.mark.parametrize(
     ("case", "most"), [(POISSON, 3e-3), (SIDES, 3e-4), (GRAIN, 2e-3)], ids=["poisson_ratio", "sides", "grain"]
 )
+@pytest.mark.check
 def test_a_table_is_met_by_the_plate_that_has_it(case, most):
     values, box, _ = case
     model = extrapolate(build(values, box)).model
@@ -148,6 +150,7 @@ def test_a_table_is_met_by_the_plate_that_has_it(case, most):
     assert found.objective < 2e-4
 
 
+@pytest.mark.check
 def test_states_of_a_plate_have_its_own_mesh_error():
     values, box, _ = POISSON
     evidence, model = Evidence(natural_frequencies=table_of(values)), extrapolate(build(values, box)).model

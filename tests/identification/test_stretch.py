@@ -44,6 +44,7 @@ def models(sides, edges) -> PlateModel:
 
 @pytest.mark.parametrize("edges", EDGES.values(), ids=EDGES)
 @pytest.mark.parametrize(("sides", "kind"), [((0.58, 0.22), "accelerance"), ((0.4, 0.4), "mobility")])
+@pytest.mark.check
 def test_the_grain_of_the_test_leaves_least_and_the_factor_is_its_thickness(sides, kind, edges):
     measurement = hit(sides, edges, kind, thickness=0.0043, ratio=0.09, shear=0.75)
     theta = torch.tensor([[1.0, 1.0], [0.09, 0.75], [1 / 0.09, 0.75]], dtype=torch.float64)

@@ -226,6 +226,7 @@ def hits(**value: float) -> Hits:
 
 
 @pytest.mark.parametrize("bounce", [0.0, 0.4])
+@pytest.mark.check
 def test_force_spectrum_is_the_laplace_transform_of_half_sines(bounce):
     s = torch.complex(torch.full((400,), 1.7, dtype=torch.float64), torch.arange(400, dtype=torch.float64) * 8)
     n = 20000
@@ -362,6 +363,7 @@ def test_a_perfect_test_stays_as_it_was():
 
 
 @pytest.mark.parametrize("name", ["position_std", "frequency_drift", "calibration_std", "damping_scatter"])
+@pytest.mark.check
 def test_what_is_not_perfect_changes_the_frfs_as_its_seed_says(name):
     std = Imperfections(**{name: {"position_std": 2e-3, "frequency_drift": 1e-3}.get(name, 0.1)})
     one, again, other = (line_of(run(imperfections=std, seed=seed)) for seed in (1, 1, 2))

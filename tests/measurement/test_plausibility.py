@@ -259,12 +259,14 @@ def test_an_axis_in_rad_per_s_is_said_and_neither_level_nor_plate_is_blamed(mesh
     "band",
     [(60.0, 400.0), *(pytest.param(band, marks=pytest.mark.check) for band in ((5.0, 400.0), (5.0, 120.0)))],
 )
+@pytest.mark.check
 def test_another_factor_of_the_axis_is_no_rad_per_s(factor, band):
     """None of them is 2π times what the intervals of the modulus leave open, 0.87 to 1.2."""
     for mesh in (RECTANGLE, SQUARE):
         assert not any("rad/s" in one for one in disagreements(plate(mesh), over(measured(mesh), factor, *band)))
 
 
+@pytest.mark.check
 def test_few_clear_peaks_of_a_damped_plate_are_no_rad_per_s():
     """A model of many modes in the band, of which a few are seen: by chance some stand at 2π times the others."""
     for seed in range(40):

@@ -43,6 +43,7 @@ def true_error(model, reduced, theta, frequency) -> torch.Tensor:
     ("name", "kind", "margin"),
     [("rectangle", "receptance", 1.1), ("rectangle", "accelerance", 2.0), ("square", "accelerance", 1.1)],
 )
+@pytest.mark.check
 def test_the_estimate_is_of_the_size_of_the_error(plates, name: str, kind: str, margin: float) -> None:
     model, reduced, theta, frequency = made(plates, MESHES[name], kind, margin)
     ratio = estimated_error(model, reduced, theta, frequency) / true_error(model, reduced, theta, frequency)
@@ -67,6 +68,7 @@ def test_members_far_from_what_the_basis_was_built_for_stand_out(plates) -> None
 
 
 @pytest.mark.parametrize("dense", [1000, 10])
+@pytest.mark.check
 def test_the_measured_error_is_the_worst_of_the_members(plates, monkeypatch, dense: int) -> None:
     monkeypatch.setattr(fine_mesh, "DENSE", dense)
     monkeypatch.setattr(error_estimate, "N_LINE_CHECKED", N_LINE)

@@ -226,6 +226,7 @@ def test_a_projection_keeps_the_correction(plates, relative_error):
 
 
 @pytest.mark.parametrize("cells", [(6, 5), (20, 17)], ids=["dense", "sparse"])
+@pytest.mark.check
 def test_a_corrected_model_can_be_reduced(plates, relative_error, cells):
     young = Searched(0.8 * YOUNG, 1.2 * YOUNG)
     model = plates.build(Mesh(0.51, 0.33, *cells), BENT, {"plate.youngs_modulus": young}, **BETWEEN)

@@ -57,6 +57,7 @@ def evaluate(*given: torch.Tensor) -> torch.Tensor:
         ((), 0, True, False),
     ],
 )
+@pytest.mark.check
 def test_every_argument_passes_gradcheck(batch: tuple, n_dashpot: int, hysteretic: bool, repeated: bool) -> None:
     given = problem(batch, n_dashpot=n_dashpot, hysteretic=hysteretic, repeated=repeated)
     given = [part.requires_grad_(part.numel() > 0) for part in given]
@@ -66,6 +67,7 @@ def test_every_argument_passes_gradcheck(batch: tuple, n_dashpot: int, hystereti
 
 @pytest.mark.parametrize("repeated", [False, True], ids=["distinct", "repeated"])
 @pytest.mark.parametrize(("n_dashpot", "hysteretic"), [(2, False), (2, True), (0, False)])
+@pytest.mark.check
 def test_every_argument_passes_a_second_gradcheck(n_dashpot: int, hysteretic: bool, repeated: bool) -> None:
     given = problem((), n_dashpot=n_dashpot, hysteretic=hysteretic, repeated=repeated)
     given = [part.requires_grad_(part.numel() > 0) for part in given]

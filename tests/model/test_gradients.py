@@ -135,6 +135,7 @@ def test_every_effect_has_exact_gradients(plates, name: str, mesh: Mesh) -> None
 @SHAPES
 @pytest.mark.parametrize("loss_field", [False, True], ids=["proportional", "field"])
 @pytest.mark.parametrize("sides", [([3, 14], [8]), ([3], [8, 20, (0.3, 0.6)])], ids=["two_by_one", "one_by_three"])
+@pytest.mark.check
 def test_all_parameters_together_have_exact_gradients(plates, mesh: Mesh, loss_field: bool, sides: tuple) -> None:
     searched = EVERYTHING | ({"field.base": Searched(0.001, 0.1)} if loss_field else {})
     model = plates.build(mesh, None, searched, loss_field=loss_field)
@@ -189,6 +190,7 @@ def test_no_gradient_of_5000_random_square_plates_is_nan(plates, cells: int) -> 
 
 
 @pytest.mark.parametrize("mesh", [Mesh(0.48, 0.48, 8, 8), Mesh(0.7, 0.4, 9, 6)], ids=["square", "rectangle"])
+@pytest.mark.check
 def test_a_reduced_basis_has_exact_gradients_too(plates, mesh: Mesh) -> None:
     known = {key: 0.5 * (EVERYTHING[key].low + EVERYTHING[key].high) for key in list(EVERYTHING)[6:]}
     # A wide box of Poisson's ratio would need more members to build from than a test has time for.
@@ -252,6 +254,7 @@ def test_a_field_of_thickness_and_modulus_has_exact_gradients(plates, length_y: 
 
 
 @SHAPES
+@pytest.mark.check
 def test_vmap_answers_as_a_loop_and_as_a_batch_do(plates, mesh: Mesh) -> None:
     model = plates.build(mesh, None, EVERYTHING)
     frf = on_cube(model.frf, model, lines(plates, mesh), [3, 14], [8])
@@ -282,6 +285,7 @@ def test_chunks_of_members_and_lines_change_no_gradient(plates) -> None:
 
 
 @pytest.mark.parametrize("loss_field", [False, True], ids=["proportional", "field"])
+@pytest.mark.check
 def test_second_and_third_derivatives_are_exact(plates, loss_field: bool) -> None:
     searched = {k: EVERYTHING[k] for k in EVERYTHING if k not in ("plate.density", "plate.poisson_ratio")}
     searched |= {"field.base": Searched(0.001, 0.1)} if loss_field else {}

@@ -74,6 +74,7 @@ BEYOND_CHECKED = 10
 @pytest.mark.parametrize(
     ("mesh", "kind"), [("rectangle", "receptance"), ("rectangle", "mobility"), ("square", "accelerance")]
 )
+@pytest.mark.check
 def test_frfs_hold_over_the_whole_box(mesh, kind):
     model = plate(MESHES[mesh], kind=kind)
     small, error = reduce(model, FREQUENCY, tolerance=TOLERANCE)
@@ -372,6 +373,7 @@ def worst_error(model, small, theta, frequency):
     ],
     ids=lambda case: "-".join([*case[:2], *case[2]]),
 )
+@pytest.mark.check
 def test_the_error_it_states_holds_at_the_ends_of_strong_terms(case):
     model = strong(*case)
     # So many lines that most modes are far from a block of them.

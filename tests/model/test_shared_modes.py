@@ -79,6 +79,7 @@ def test_a_plate_that_hangs_on_its_wires_has_its_static_flexibility_at_zero(plat
 
 
 @pytest.mark.parametrize("n_line", [1, 2, 3, 300])
+@pytest.mark.check
 def test_any_number_of_lines_and_members_is_as_good(plates, n_line: int) -> None:
     model, shared, frequency = made(plates, MESHES["square"])
     lines = torch.linspace(float(frequency[2]), float(frequency[-1]), n_line, dtype=torch.float64)
@@ -159,6 +160,7 @@ def test_a_fine_mesh_shares_modes_in_a_small_basis(plates, monkeypatch) -> None:
 
 
 @SHAPES
+@pytest.mark.check
 def test_derivatives_are_those_of_a_direct_solve(plates, mesh: Mesh) -> None:
     model, shared, frequency = made(plates, mesh)
     position = torch.rand(len(model.names), generator=torch.Generator().manual_seed(4), dtype=torch.float64)

@@ -22,6 +22,7 @@ def planned(lab, request):
     return request.param, twins, found
 
 
+@pytest.mark.check
 def test_what_parts_twins_is_proposed(planned):
     pair, twins, found = planned
     parting, useless = PARTS[pair]
@@ -37,6 +38,7 @@ def test_what_parts_twins_is_proposed(planned):
 
 @torch.no_grad()
 @pytest.mark.parametrize("true", [0, 1])
+@pytest.mark.check
 def test_after_the_proposed_test_the_right_name_is_sure(planned, lab, true):
     _, twins, found = planned
     proposal = found.proposed.proposal

@@ -45,6 +45,7 @@ def field_dofs(mesh: Mesh, power_x: int, power_y: int) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("name", list(MESHES))
+@pytest.mark.check
 def test_fields_over_the_elements_assemble_as_a_loop_over_the_elements_does(reference, name: str) -> None:
     mesh = MESHES[name]
     rigidity, areal_mass = random_rigidity(mesh.n_element, seed=1), random_areal_mass(mesh.n_element, seed=2)
@@ -58,6 +59,7 @@ def test_fields_over_the_elements_assemble_as_a_loop_over_the_elements_does(refe
 
 
 @pytest.mark.parametrize("name", list(MESHES))
+@pytest.mark.check
 def test_sides_that_differ_from_the_nominal_ones_stretch_every_element(reference, name: str) -> None:
     mesh, sides = MESHES[name], (0.5, 0.8)
     rigidity, areal_mass = random_rigidity(mesh.n_element, seed=3), random_areal_mass(mesh.n_element, seed=4)

@@ -58,6 +58,7 @@ def test_a_cut_along_a_whole_side_leaves_the_smaller_plate() -> None:
     torch.testing.assert_close(cut.frf(NONE, lines), small.frf(NONE, lines), rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.check
 def test_dense_sparse_and_extrapolated_models_agree_about_a_hole() -> None:
     model = build(HOLED, response=[1, (0.9, 0.6)], reference=[8])
     np.testing.assert_allclose(

@@ -60,6 +60,7 @@ def close(value: float):
 
 @pytest.mark.parametrize("case", CASES)
 class TestEveryReport:
+    @pytest.mark.check
     def test_the_html_fetches_nothing_and_holds_the_figures_that_lie_beside_the_markdown(self, written, case):
         text, page, folder = written[case].html, written[case].page, written[case].folder
         assert not re.search(r"https?://|@import|url\((?!#)", text)

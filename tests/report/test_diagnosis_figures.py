@@ -37,6 +37,7 @@ def _assurance(found: Diagnosis) -> tuple[list[Axes], list[Axes]]:
 
 
 class TestFigures:
+    @pytest.mark.check
     def test_there_is_a_map_where_there_is_a_place_to_show(self):
         whole = diagnosis()
         elsewhere = replace(NAMED, parameters={"value": Estimate(2900.0, 12.0, "kg/m³")})

@@ -220,6 +220,7 @@ def shown(tmp_path_factory):
     return samples.Page((folder / "report.html").read_text()), (folder / "report.md").read_text()
 
 
+@pytest.mark.check
 def test_the_figures_of_a_diagnosis_state_their_results(shown):
     seen, text = shown
     told = " ".join(seen.images)
@@ -239,6 +240,7 @@ def test_the_figures_of_a_diagnosis_state_their_results(shown):
     assert not [one for one in seen.images if len(one) < 20]
 
 
+@pytest.mark.check
 def test_channels_are_explained_before_the_first_figure_that_names_them(shown):
     words = shown[0].words
     assert words.count("A channel is named by its node") == 1

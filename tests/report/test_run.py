@@ -142,6 +142,7 @@ def test_the_figures_state_their_results(page):
     assert "updated at most" in told
 
 
+@pytest.mark.check
 def test_a_model_of_numbers_alone_is_reported_without_a_search(objective, page):
     model = PlateModel(objective.model.mesh, objective.model.effects, samples.PLATE, {}, [4, 7], [1, 6], "accelerance")
     evidence = Evidence(objective.evidence.measurement)

@@ -97,6 +97,7 @@ def sum_of_squares(residual: Tensor) -> Tensor:
     return 0.5 * residual.square().sum(dim=-1)
 
 
+@pytest.mark.check
 def test_every_start_ends_where_scipy_ends(fit):
     start = fit.starts()
     ours = least_squares(fit.residual, start, n_iteration=100)
@@ -128,6 +129,7 @@ def test_random_nonlinear_fits_end_where_scipy_ends_inside_and_on_several_bounds
     assert set(n_held.tolist()) >= {0, 1, 2}
 
 
+@pytest.mark.check
 def test_a_parameter_on_its_bound_is_exactly_there_and_its_gradient_points_outward(fit):
     outcome = least_squares(fit.residual, fit.starts(), n_iteration=100, jacobian="autograd")
     on_bound = (outcome.position == 0.0) | (outcome.position == 1.0)
@@ -181,6 +183,7 @@ def test_convergence_to_a_zero_residual_is_quadratic():
     assert error[-1] < 1e-6
 
 
+@pytest.mark.check
 def test_a_batch_gives_what_each_start_gives_alone(fit):
     start = fit.starts(4).reshape(2, 2, -1)
     batch = least_squares(fit.residual, start, n_iteration=100)

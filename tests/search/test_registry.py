@@ -172,6 +172,7 @@ def test_the_same_seed_gives_the_same_result(optimizer):
     assert not torch.equal(first.population, other.population)
 
 
+@pytest.mark.check
 def test_searches_of_a_batch_do_not_see_each_other(optimizer):
     """The second search gets another objective and stops early; the first and third notice nothing."""
 

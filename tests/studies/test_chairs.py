@@ -31,6 +31,7 @@ def test_every_chair_ends_in_a_fit_and_a_diagnosis():
         assert [words[0] for words in chair.steps[-2:]] == ["run", "diagnose"]
 
 
+@pytest.mark.check
 def test_the_roving_hammer_s_file_is_in_mm_and_new_takes_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert chairs.roving(tmp_path, tmp_path)

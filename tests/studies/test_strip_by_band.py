@@ -55,6 +55,7 @@ def test_the_field_without_a_name_and_the_numbers_beside_it_are_left_out(strip):
 
 
 @pytest.mark.parametrize(("low", "high"), study.PEAKS)
+@pytest.mark.check
 def test_a_peak_of_a_linear_resonance_leaves_nothing(strip, low, high):
     frequency = torch.linspace(low, high, 150, dtype=torch.float64)
     none = torch.zeros(0, dtype=torch.float64)

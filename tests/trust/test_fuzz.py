@@ -109,6 +109,7 @@ BOMBS = {
 
 
 @pytest.mark.parametrize("name", BOMBS)
+@pytest.mark.check
 def test_a_config_that_swells_is_refused(tmp_path, name):
     path = tmp_path / "plate.yaml"
     path.write_text(BOMBS[name])
@@ -117,6 +118,7 @@ def test_a_config_that_swells_is_refused(tmp_path, name):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.check
 def test_an_override_that_swells_is_refused(bench, make_config, command):
     path = bench.write(make_config())
     for value in ("[" * 3000, "&a [*a]", "2001-99-99"):
@@ -156,6 +158,7 @@ def test_a_defect_in_a_reader_is_told_with_the_file(tmp_path):
         for name in sorted(set(OPTIMIZERS))
     ],
 )
+@pytest.mark.check
 def test_every_search_goes_on_from_its_own_checkpoint_and_from_none_that_was_changed(
     bench, make_config, command, optimizer
 ):

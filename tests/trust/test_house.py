@@ -37,6 +37,7 @@ assert "torch" in sys.modules and "sympy" not in sys.modules
 """
 
 
+@pytest.mark.check
 def test_an_frf_is_had_without_sympy():
     # A third of a second, which `torch.broadcast_shapes` takes when it is first called.
     assert house.seconds(["-c", FRF]) > 0

@@ -91,6 +91,7 @@ def kept(out) -> list[torch.Tensor]:
     return list(content["position"].split(content["shape"].prod(1).tolist()))
 
 
+@pytest.mark.check
 def test_it_goes_on_where_it_was_stopped(bench, stopped, command):
     path, out, made = stopped
     first = kept(out)

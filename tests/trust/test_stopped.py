@@ -72,6 +72,7 @@ def full() -> None:
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
+@pytest.mark.check
 def test_a_disk_that_fills_up_without_a_name_is_said_and_the_run_goes_on_to_the_same_result(
     bench, make_config, command, during, monkeypatch
 ):
@@ -149,6 +150,7 @@ def ended(*words: str, into: int) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize("words", [["--help"], ["--version"], ["effects", "point_mass"]], ids=" ".join)
+@pytest.mark.check
 def test_a_reader_that_has_gone_ends_a_command_without_a_word(words):
     """As `| head -1` is gone; rich prints the last, the parser the others."""
     read, write = os.pipe()
@@ -161,6 +163,7 @@ def test_a_reader_that_has_gone_ends_a_command_without_a_word(words):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a disk that is always full is Linux's")
 @pytest.mark.parametrize("words", [["--version"], ["effects", "point_mass"]], ids=" ".join)
+@pytest.mark.check
 def test_an_output_that_has_no_room_is_said_in_one_sentence(words):
     with Path("/dev/full").open("w") as full_disk:
         status, said = ended(*words, into=full_disk.fileno())
