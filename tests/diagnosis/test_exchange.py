@@ -53,9 +53,25 @@ def test_a_name_that_another_fits_better_now_is_replaced(lab):
     # How it was when it was named is kept; what is known of it now stands beside it.
     first = found.named[0]
     assert first.hypothesis.fit.gap > 2 * first.again.best.fit.gap
+    # What the mass was added to is what is left with this name alone.
+    assert found.named[1].before is first.hypothesis.fit
     assert first.known is first.again
     # Beside the best the other one is far off.
     assert first.known.equivalent == ()
+
+
+@torch.no_grad()
+@pytest.mark.check
+def test_what_promises_most_beside_the_others_takes_the_place_of_a_name_that_nothing_came_near(lab):
+    two = Two(lab, "orthotropy")
+    assert two.state.fit.reduced_misfit > SETTINGS.selecting.doubtful
+    found = two.exchange.judged_again(two.state)
+    assert sorted(one.hypothesis.name for one in found.named) == ["point_mass", "sensor_gain"]
+    assert found.fit.square < 0.5 * two.state.fit.square
+    said = len(two.said)
+    # What was judged last is as it was judged.
+    assert two.exchange.judged_again(found) is found
+    assert len(two.said) == said
 
 
 @torch.no_grad()
@@ -69,6 +85,8 @@ def test_rivals_have_to_come_nearer_where_far_more_than_noise_is_left(lab, monke
         return fit(*given, hopeless=hopeless, **named)
 
     monkeypatch.setattr(module, "fit", limited)
+    # Of all candidates none promises anything.
+    monkeypatch.setattr(two.exchange.ranking, "promised", lambda _: [])
     square = misfit * two.state.fit.judged.n
     left = lab.leaving(two.state.fit, square)
     two.exchange.beside_the_others(replace(two.state, fit=left), 1)

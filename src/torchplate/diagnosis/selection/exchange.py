@@ -8,7 +8,7 @@ import torch
 
 from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at
 from torchplate.diagnosis.fit import fit
-from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.judged import Fit, settled
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate, without_candidate
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.criterion import Hypothesis, choose, is_explained, is_needed, known_section
@@ -31,10 +31,12 @@ class Exchange:
     def __init__(self, builder: ModelBuilder, ranking: Ranking, prior: Prior, say: Callable[[str], None]) -> None:
         self.builder, self.ranking, self.prior, self.say = builder, ranking, prior, say
         self.settings = builder.target.settings.selecting
+        # What was judged last, which is as it was judged.
+        self._last: State | None = None
 
     def judged_again(self, state: State) -> State:
         """The names that are left where each is judged beside the others, if there are several."""
-        if len(state.named) < 2:
+        if len(state.named) < 2 or state is self._last:
             return state
         state = self._as_one_support(state)
         found = self.beside_the_others(state, len(state.named) - 1)
@@ -42,6 +44,7 @@ class Exchange:
         if [one.hypothesis.name for one in found.named] != [one.hypothesis.name for one in state.named]:
             # The others are not those that they were.
             found = self.beside_the_others(found, len(found.named))
+        self._last = found
         return found
 
     def beside_the_others(self, state: State, n_first: int) -> State:
@@ -58,7 +61,10 @@ class Exchange:
         here = replace(naming.hypothesis, fit=state.fit)
         elsewhere = {one.hypothesis.name for one in state.named}
         near = sorted((one for one in naming.rivals if one.name not in elsewhere), key=lambda one: one.cost)
-        every = [here, *(self._in_place_of(state, naming, one) for one in near[: self.settings.n_rival])]
+        promised = self._promised(state, naming) if self._is_far(state.fit) else []
+        others = [one for one in near if one.name not in {other.name for other in promised}]
+        others = others[: max(0, self.settings.n_rival - len(promised))]
+        every = [here, *promised, *(self._in_place_of(state, naming, one) for one in others)]
         choice = choose(every, naming.before)
         if choice.best.candidate.effect.to_ground:
             best = choice.best
@@ -76,16 +82,26 @@ class Exchange:
         better = min(same, key=lambda one: one.cost, default=choice.best)
         choice = choose(every, naming.before, better)
         self.say(f"{better.name} in place of {naming.hypothesis.name}")
-        as_then = next(one for one in near if one.name == better.name and one.candidate is better.candidate)
+        as_then = self._as_then([naming.hypothesis, *near], better)
         renamed = replace(
             naming, hypothesis=as_then, choice=choose([naming.hypothesis, *near], naming.before, as_then), again=choice
         )
+        later = list(state.named[index + 1 :])
+        if later and as_then is not better:
+            later[0] = replace(later[0], before=as_then.fit)
         return replace(
             state,
             model=self._exchanged(state, naming, better),
             fit=better.fit,
-            named=(*state.named[:index], renamed, *state.named[index + 1 :]),
+            named=(*state.named[:index], renamed, *later),
         )
+
+    @staticmethod
+    def _as_then(every: Sequence[Hypothesis], better: Hypothesis) -> Hypothesis:
+        """A hypothesis as it ended where the later names were not known yet; as it is, where it was not tried then."""
+        same = [one for one in every if one.name == better.name and one.label == better.label]
+        same.sort(key=lambda one: (one.candidate is not better.candidate, one.cost))
+        return replace(same[0], candidate=better.candidate) if same else better
 
     def _in_place_of(self, state: State, naming: Naming, rival: Hypothesis) -> Hypothesis:
         model = self._exchanged(state, naming, rival)
@@ -100,14 +116,35 @@ class Exchange:
         self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
         return replace(rival, fit=found)
 
+    def _promised(self, state: State, naming: Naming) -> list[Hypothesis]:
+        """What promises most in place of a name, now that the others are known, refitted there.
+
+        Beside what lacked still when it was named, what belongs there may have explained nothing.
+        """
+        without = self._without(state, naming)
+        model, theta, about = without.model, without.fit.theta, known_section(state.fit)
+        corrected = self.builder.corrected(model, theta).model
+        plain = self.builder.reduced(corrected, theta[None], about=about)
+        position = model.space.to_cube(theta).clamp(0.0, 1.0)
+        there = settled(self.builder, corrected, plain, self.prior, position, about, fitted_on=False)
+        without = replace(without, fit=there, named=tuple(one for one in state.named if one is not naming))
+        limit, found = self._hopeless(state.fit), []
+        for one in self.ranking.promised(without)[: self.settings.n_rival // 2]:
+            self.say(f"  {one.candidate.name} promises {one.drop:.3g} in place of {naming.hypothesis.name}")
+            found.append(self.ranking.refits.refit(without, one.candidate, one.label, one.starts, limit))
+        return found
+
+    def _is_far(self, now: Fit) -> bool:
+        """Whether far more than noise is left."""
+        return now.by_noise and now.reduced_misfit > self.settings.doubtful
+
     def _hopeless(self, now: Fit) -> float:
         """The sum of squares beyond which a rival is not followed to its end.
 
         Where far more than noise is left, a rival is one more that does not explain it: it has to come as near as a
         second best that another effect is looked for beside.
         """
-        far = now.by_noise and now.reduced_misfit > self.settings.doubtful
-        return (self.settings.beside if far else self.settings.hopeless_rival) * now.square
+        return (self.settings.beside if self._is_far(now) else self.settings.hopeless_rival) * now.square
 
     def _as_one_support(self, state: State) -> State:
         """A spring and a dashpot to the ground at one place are a further support there, if that is as good."""

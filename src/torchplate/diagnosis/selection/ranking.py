@@ -79,6 +79,21 @@ class Ranking:
             )
         return found
 
+    def promised(self, state: State) -> list[Scored]:
+        """Of each name that a state lacks what promises most, the best first; far more than noise is left of it.
+
+        Args:
+            state: beside which.
+        """
+        base, everyone = self._catalogue_beside(state)
+        if state.fit.left < self.settings.screening.overlapping:
+            scored, _ = self._nearby(state, base, everyone)
+        else:
+            scored = screen(self.builder, base, state.fit.theta, everyone, self.prior)
+        named = {one.hypothesis.name for one in state.named}
+        best = {one.candidate.name: one for one in reversed(scored)}
+        return sorted((one for name, one in best.items() if name not in named), key=lambda one: -one.drop)
+
     def at(self, state: State) -> Ranked:
         """Score the whole catalogue, and refit what promises most."""
         builder, misfit = self.builder, state.fit.reduced_misfit

@@ -127,7 +127,8 @@ class Selecting:
         close_part: and in parts of its sum of squares [-].
         little: mean square up to which little is left, so that a support that stays where it is may be named [-].
         grounded: mean square beyond which nothing is asked of a support [-].
-        n_rival: rivals of an earlier name that are tried in its place [-].
+        n_rival: rivals of an earlier name that are tried in its place [-]: those that came nearest when it was named;
+            where far more than noise is left, half of them are those that promise most beside the other names.
         hopeless_rival: one that leaves so many times as much as the last model is not followed to its end [-].
     """
 
