@@ -9,10 +9,16 @@ import torch
 from torchplate.diagnosis.before_and_after import verdict_of
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.fit import fit
-from torchplate.diagnosis.judged import judged_at
+from torchplate.diagnosis.judged import Fit, judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.naming import _chance
-from torchplate.diagnosis.remarks import all_remarks, faults_of, missing_still, nothing_but_chance
+from torchplate.diagnosis.naming import _chance, as_named
+from torchplate.diagnosis.remarks import (
+    all_remarks,
+    faults_of,
+    missing_still,
+    nothing_but_chance,
+    of_the_uniform_plate,
+)
 from torchplate.diagnosis.selection.criterion import Choice, Hypothesis, is_explained
 from torchplate.diagnosis.selection.screen import Scored
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State, Trace
@@ -89,6 +95,31 @@ def test_a_parameter_on_the_edge_of_its_interval_is_said(lab):
         sentences = all_remarks(ended.noise, ended.state, {})
         assert sentences[: len(ended.noise.sentences)] == tuple(ended.noise.sentences)
         assert any("plate.youngs_modulus sits on the edge" in one for one in sentences) == said
+
+
+def test_a_gap_of_a_uniform_plate_is_said_beside_that_of_the_plate_as_it_was_found(lab, monkeypatch):
+    ended = Ended(lab, n_named=1)
+    (naming,), measured = ended.state.named, ended.builder.target.measured
+
+    def gone(before, after):
+        """From fits that leave so much beside the plate as it was found, to fits that do."""
+        fits = [ended.state.fit._replace(expected=measured * (1 - one)) for one in (before, after)]
+        return replace(naming, before=fits[0]), replace(ended.state, fit=fits[1])
+
+    def said(gaps):
+        begun, last = gone(0.172, 0.0093)
+        return as_named(ended.builder, begun, replace(last, named=(begun,)), gaps).evidence
+
+    # The plate is uniform: there is one gap.
+    assert of_the_uniform_plate(ended.builder, ended.state) == ()
+    assert "takes the gap from 43.4 % to 56.7 % (" in said((0.434, 0.567))
+    monkeypatch.setattr(Fit, "about", property(lambda _: "somewhere"))
+    grown, shrunk = said((0.434, 0.567)), said((0.434, 0.0201))
+    assert "takes the gap beside the plate as it was found to wander from 17.2 % to 0.93 %; that of a uniform" in grown
+    assert "takes the gap from 43.4 % to 2.01 %" in shrunk
+    assert ", and from 17.2 % to 0.93 % beside the plate as it was found to wander" in shrunk
+    (remark,) = of_the_uniform_plate(ended.builder, gone(0.172, 0.0093)[1])
+    assert "It is 0.93 % beside the plate" in remark
 
 
 def test_sensors_on_a_line_of_symmetry_are_seen():

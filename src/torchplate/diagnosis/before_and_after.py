@@ -68,6 +68,15 @@ def gap_left(target: FrfTarget, fit: Fit) -> float:
     return _gaps(target, fit)[0]
 
 
+def left_beside_the_specimen(target: FrfTarget, fit: Fit) -> float | None:
+    """The gap of the same FRFs from those of the plate as it was found to wander; None where it is uniform."""
+    if fit.about is None:
+        return None
+    whole = target.at_all_lines
+    expected = fit.expected if whole is target else whole.predict(fit.reduced, fit.theta)
+    return _number(whole.gap(expected))
+
+
 def at_all_lines(target: FrfTarget, fit: Fit) -> Complex[Tensor, "n_frequency n_response n_reference"]:
     """What a fit says of every line that was measured, whichever were looked at."""
     whole = target.at_all_lines

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from torchplate.diagnosis.before_and_after import gap_left
+from torchplate.diagnosis.before_and_after import gap_left, left_beside_the_specimen
 from torchplate.diagnosis.estimates import estimates
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import Estimate, Named
@@ -37,10 +37,15 @@ def as_named(builder: ModelBuilder, naming: Naming, last: State, gaps: tuple[flo
     # What the others are held against is what it left when they were refitted too.
     refitted = "" if percent(first) == percent(after) or naming.again else f" ({percent(first)} at its first refit)"
     alike = f"; these data cannot tell it from {' or '.join(equivalent)}" if equivalent else ""
-    text = (
-        f"{hypothesis.name} ({_values(parameters, hypothesis)}) takes the gap from {percent(before)} to "
-        f"{percent(after)}{refitted}{against}{alike}{_chance(naming)}."
-    )
+    beside = _beside_the_specimen(builder, naming, last)
+    moved = f"from {percent(before)} to {percent(after)}{refitted}"
+    if beside is None:
+        takes = f"takes the gap {moved}"
+    elif after < before:
+        takes = f"takes the gap {moved}, and {beside} beside the plate as it was found to wander"
+    else:
+        takes = f"takes the gap beside the plate as it was found to wander {beside}; that of a uniform one goes {moved}"
+    text = f"{hypothesis.name} ({_values(parameters, hypothesis)}) {takes}{against}{alike}{_chance(naming)}."
     return Named(
         name=hypothesis.name,
         label=hypothesis.label,
@@ -59,6 +64,17 @@ def remark_on(name: str, effects: Sequence[Named], otherwise: str) -> str:
     if any(name == one.name for one in effects):
         return "named"
     return "equivalent" if any(name in one.equivalent for one in effects) else otherwise
+
+
+def _beside_the_specimen(builder: ModelBuilder, naming: Naming, last: State) -> str | None:
+    """What it takes beside the plate as it was found to wander, by which it is judged; None where that is uniform."""
+    after = [*(one.before for one in last.named), last.fit]
+    ends = naming.before, after[last.named.index(naming) + 1]
+    found = [left_beside_the_specimen(builder.target, one) for one in ends]
+    if found[1] is None:
+        return None
+    before = gap_left(builder.target, ends[0]) if found[0] is None else found[0]
+    return f"from {percent(before)} to {percent(found[1])}"
 
 
 def _chance(naming: Naming) -> str:

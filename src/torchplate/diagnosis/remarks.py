@@ -2,7 +2,7 @@
 
 from torch import Tensor
 
-from torchplate.diagnosis.before_and_after import gap_left, location_of
+from torchplate.diagnosis.before_and_after import gap_left, left_beside_the_specimen, location_of
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
@@ -88,6 +88,18 @@ def would_take(fit: Fit) -> tuple[str, ...]:
 def _times(scale: float, absurd: float) -> str:
     """How many times; where a nuisance would have to be absurdly large, how much so says nothing."""
     return f"{scale:.1f}" if scale < absurd else f"more than {absurd:g}"
+
+
+def of_the_uniform_plate(builder: ModelBuilder, final: State) -> tuple[str, ...]:
+    """What the gap says, and what it does not, where the plate was found to wander as that of the model does not."""
+    beside = left_beside_the_specimen(builder.target, final.fit)
+    if beside is None:
+        return ()
+    return (
+        f"The gap of {percent(gap_left(builder.target, final.fit))} is that of a uniform plate, as the model is that "
+        f"is handed over. It is {percent(beside)} beside the plate as thickness, modulus and grain were found to "
+        "wander over it, within what was said of them. Names are judged beside that and what else is not perfect.",
+    )
 
 
 def all_remarks(noise: Noise, final: State, prior: Prior) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ from torchplate.diagnosis.remarks import (
     missing_still,
     nothing_but_chance,
     of_the_given_mesh,
+    of_the_uniform_plate,
 )
 from torchplate.diagnosis.result import Diagnosis, Named, Scored, Step
 from torchplate.diagnosis.selection.criterion import evidence, is_explained, weight_of
@@ -69,6 +70,7 @@ def summarise(seen: Trace, seconds: float) -> Diagnosis:
         remarks=(
             *(one.evidence for one in finer if verdict == "unexplained"),
             *of_the_given_mesh(builder),
+            *of_the_uniform_plate(builder, final),
             *nothing_but_chance(seen),
             *all_remarks(noise, final, seen.prior),
         ),
