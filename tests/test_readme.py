@@ -68,11 +68,11 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     text = " ".join(README.split())
     right, false = "one effect, named right", "a false name, all but beyond"
     silent = "nothing hidden, called consistent"
-    clean = [rate("L/table.md", what) for what in (right, silent, "two effects, both right", false)]
+    clean = [rate("M/table.md", what) for what in (right, silent, "two effects, both right", false)]
     (n, of), (kept, still), (both, pairs), (named, _) = clean
-    every, _ = rate("L/table.md", "crashes")[::-1]
+    every, _ = rate("M/table.md", "crashes")[::-1]
     assert (
-        f"of [{every} clean cases](runs/blind/L/table.md) {n} of {of} single effects, {kept} of {still} with nothing "
+        f"of [{every} clean cases](runs/blind/M/table.md) {n} of {of} single effects, {kept} of {still} with nothing "
         f"hidden, {both} of {pairs} pairs, and {named} false names" in text
     )
     (n, of), (named, every) = rate("tables/X/table.md", right), rate("tables/X/table.md", false)
@@ -90,7 +90,7 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     )
 
 
-@pytest.mark.parametrize("table", ["L", "states/B", "tables/X", "workshop/Y"])
+@pytest.mark.parametrize("table", ["M", "states/B", "tables/X", "workshop/Y"])
 def test_the_map_of_runs_says_which_cases_the_committed_tables_are_of(table):
     head = (ROOT / "runs/blind" / table / "table.md").read_text().splitlines()[0]
     numbers = re.findall(r"\d+", re.match(r"Cases ([\d andto]+),", head)[1])
