@@ -29,6 +29,7 @@ NO_ROOM = {"nearest", "notation"}
 ALCOVES = {
     "cli": ("schema", "config", "machine", "folder", "progress", "results", "verbs", "arguments"),
     "measurement": ("formats", "modal", "uff", "points", "records", "assessment", "virtual"),
+    "model": ("receptance", "discretisation"),
     "report": ("blocks", "figures", "forms"),
 }
 # What only one file, or one alcove, may import, and which.

@@ -4,7 +4,7 @@ import jaxtyping
 import pytest
 import torch
 
-from torchplate.model.modes import natural_frequencies, whiten
+from torchplate.model.receptance.modes import natural_frequencies, whiten
 from torchplate.plate import Mesh
 
 

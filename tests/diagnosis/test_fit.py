@@ -12,7 +12,7 @@ from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement.assessment.noise import Noise
 from torchplate.model import PlateModel, Searched
-from torchplate.model.extrapolation import extrapolate
+from torchplate.model.discretisation.extrapolation import extrapolate
 from torchplate.plate import Mesh
 
 RESPONSE, REFERENCE = (3, 17), (7, 9, 14)

@@ -10,7 +10,7 @@ from torchplate.diagnosis.selection.screen import _moved
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT
 from torchplate.model import PlateModel, Searched
-from torchplate.model.extrapolation import extrapolate
+from torchplate.model.discretisation.extrapolation import extrapolate
 from torchplate.plate import Mesh
 
 NOTHING = torch.zeros(0, dtype=torch.float64)

@@ -20,7 +20,7 @@ from torchplate.effects import CATALOGUE
 from torchplate.measurement import NaturalFrequencies
 from torchplate.measurement.natural_frequencies import printed_unit
 from torchplate.model import PlateModel, Searched
-from torchplate.model.fine_mesh import SparseModel
+from torchplate.model.discretisation.fine_mesh import SparseModel
 from torchplate.plate import Mesh
 
 YOUNG = {"plate.youngs_modulus": Searched(1.8e11, 2.4e11)}

@@ -19,7 +19,7 @@ from torchplate.diagnosis.table.summary import _estimates
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import NaturalFrequencies
 from torchplate.model import PlateModel, Searched
-from torchplate.model.fine_mesh import SparseModel
+from torchplate.model.discretisation.fine_mesh import SparseModel
 from torchplate.plate import Mesh
 
 NUMBERS = {"plate.poisson_ratio": 0.3, "plate.density": 7850.0, "plate.thickness": 0.003}

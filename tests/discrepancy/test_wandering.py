@@ -14,7 +14,7 @@ from torchplate.discrepancy.wandering import Elements, Wandering, section_off, t
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT
 from torchplate.model import PlateModel
-from torchplate.model.reduced_basis import ritz_basis
+from torchplate.model.discretisation.reduced_basis import ritz_basis
 from torchplate.plate import Mesh
 
 NOBODY = torch.zeros(0, dtype=torch.float64)

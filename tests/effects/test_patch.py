@@ -7,8 +7,8 @@ import torch
 
 from torchplate.effects import DampingPatch, HystereticDamping, Plate, StiffnessLoss
 from torchplate.model import PlateModel
-from torchplate.model.extrapolation import extrapolate
-from torchplate.model.fine_mesh import SparseModel
+from torchplate.model.discretisation.extrapolation import extrapolate
+from torchplate.model.discretisation.fine_mesh import SparseModel
 from torchplate.plate import Mesh, element
 
 STEEL = {"plate.youngs_modulus": 205e9, "plate.poisson_ratio": 0.29, "plate.density": 7850.0, "plate.thickness": 0.002}

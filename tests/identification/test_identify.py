@@ -132,7 +132,7 @@ def test_it_goes_on_from_a_checkpoint_to_the_identical_result(bench):
 
 def test_a_model_without_an_interval_is_held_against_the_full_one_once(bench, monkeypatch):
     from torchplate.identification import basis_check
-    from torchplate.model import error_estimate, fine_mesh, reduced_basis
+    from torchplate.model.discretisation import error_estimate, fine_mesh, reduced_basis
 
     model = bench.plate(())
     calls = []

@@ -5,10 +5,10 @@ import threading
 import pytest
 import torch
 
-from torchplate.model import attached_sum as attached_sum_module
-from torchplate.model.attach import attach
-from torchplate.model.attached_sum import Rows, attached_sum
-from torchplate.model.modal_sum import CLOSE, Disc, Stretch, modal_sum
+from torchplate.model.receptance import attached_sum as attached_sum_module
+from torchplate.model.receptance.attach import attach
+from torchplate.model.receptance.attached_sum import Rows, attached_sum
+from torchplate.model.receptance.modal_sum import CLOSE, Disc, Stretch, modal_sum
 
 N_MODE, N_LINE, AT_ONCE = 60, 50, 20
 ONE = torch.ones(1, dtype=torch.complex128)
@@ -64,7 +64,7 @@ def test_values_of_members_with_rows_of_their_own_are_those_of_the_plain_operati
     n_term: int, n_response: int, n_reference: int, moved: str, monkeypatch
 ) -> None:
     """More members than go together, and no multiple of that; once written over, arrays hold nothing of before."""
-    monkeypatch.setattr("torchplate.model.attached_sum.MEMBERS_AT_ONCE", 4)
+    monkeypatch.setattr("torchplate.model.receptance.attached_sum.MEMBERS_AT_ONCE", 4)
     rows, z, force, stretches = system(n_term, n_response, n_reference, (2, 5))
     for side in ("left", "right") if moved == "both" else (moved,):
         one = getattr(rows, side)
@@ -83,7 +83,7 @@ def test_values_of_members_with_rows_of_their_own_are_those_of_the_plain_operati
 def test_values_of_members_that_differ_in_their_last_terms_are_those_of_the_plain_operations(
     n_term: int, n_own: int, differs: str, monkeypatch
 ) -> None:
-    monkeypatch.setattr("torchplate.model.attached_sum.MEMBERS_AT_ONCE", 4)
+    monkeypatch.setattr("torchplate.model.receptance.attached_sum.MEMBERS_AT_ONCE", 4)
     made = []
     way = attached_sum_module._attached_after
     monkeypatch.setattr(attached_sum_module, "_attached_after", lambda *own: made.append(1) or way(*own))

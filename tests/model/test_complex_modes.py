@@ -4,8 +4,9 @@ import pytest
 import torch
 
 from torchplate.effects import DampingPatch, ExponentialWindow, HystereticDamping, Plate, SupportSpring, ViscousDamping
-from torchplate.model import PlateModel, Searched, modal_receptance
-from torchplate.model.complex_modes import complex_modes
+from torchplate.model import PlateModel, Searched
+from torchplate.model.receptance import modal_receptance
+from torchplate.model.receptance.complex_modes import complex_modes
 from torchplate.plate import Mesh
 
 KNOWN = {

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from torchplate.model import Searched, SparseModel, basis_error, error_estimate, estimated_error, extrapolate, fine_mesh
-from torchplate.model.error_estimate import _importance
-from torchplate.model.reduced_basis import ritz_basis
+from torchplate.model import Searched, SparseModel, basis_error, estimated_error, extrapolate
+from torchplate.model.discretisation import error_estimate, fine_mesh
+from torchplate.model.discretisation.error_estimate import _importance
+from torchplate.model.discretisation.reduced_basis import ritz_basis
 from torchplate.plate import Mesh
 
 BOX = {

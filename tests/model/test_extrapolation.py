@@ -10,7 +10,7 @@ import torch
 from torchplate.cli.config.build import load_model, load_run
 from torchplate.effects import Absorber, MeshDiscretisation, Plate, PointMass, SupportSpring
 from torchplate.model import PlateModel, Searched, SparseModel, extrapolate, reduce
-from torchplate.model.reduced_basis import ritz_basis
+from torchplate.model.discretisation.reduced_basis import ritz_basis
 from torchplate.plate import Assembly, Mesh
 
 YOUNG, POISSON, DENSITY, THICKNESS = 7.1e10, 0.3, 2730.0, 0.0032
@@ -251,7 +251,7 @@ def test_modes_of_the_finer_mesh_from_those_of_the_coarser_leave_a_hundredth_of_
     model = model.replaced(effects=dict(model.effects) | effects, known=model.known_values | known)
 
     def error(limit: float) -> torch.Tensor:
-        monkeypatch.setattr("torchplate.model.extrapolation.TWO_GRIDS", limit)
+        monkeypatch.setattr("torchplate.model.discretisation.extrapolation.TWO_GRIDS", limit)
         return extrapolate(model, 400.0).error
 
     solved, near = error(math.inf), error(0)

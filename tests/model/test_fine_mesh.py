@@ -6,8 +6,9 @@ import scipy.sparse.linalg
 import torch
 
 from torchplate.effects import Absorber
-from torchplate.model import SparseModel, extrapolate, fine_mesh, ritz_basis
-from torchplate.model.fine_mesh import SHIFT, _solver
+from torchplate.model import SparseModel, extrapolate, ritz_basis
+from torchplate.model.discretisation import fine_mesh
+from torchplate.model.discretisation.fine_mesh import SHIFT, _solver
 from torchplate.plate import Mesh
 
 # 324 to about 630 dofs.

@@ -6,7 +6,7 @@ from torch.func import jacfwd, jacrev, vmap
 
 from torchplate.effects import Plate, PointMass
 from torchplate.model import PlateModel, Searched
-from torchplate.model.modes import natural_frequencies
+from torchplate.model.receptance.modes import natural_frequencies
 from torchplate.plate import Mesh
 
 pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")

@@ -4,9 +4,9 @@ import pytest
 import torch
 from torch.autograd import gradcheck, gradgradcheck
 
-from torchplate.model import gradient
-from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
-from torchplate.model.impedance import Impedance
+from torchplate.model.receptance import gradient
+from torchplate.model.receptance.gradient import differentiable_receptance, frozen_modes, modal_impedance
+from torchplate.model.receptance.impedance import Impedance
 from torchplate.plate import Proportional, System
 
 # torch's forward mode loads its own rules by torch.jit.script, which warns of itself.

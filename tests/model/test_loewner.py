@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.model.loewner import _Divided
+from torchplate.model.receptance.loewner import _Divided
 
 
 @pytest.mark.parametrize("apart", [0.0, 1e-9, 1e-8, 1e3], ids=str)

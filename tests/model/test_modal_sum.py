@@ -7,8 +7,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from torchplate.model.attach import attach
-from torchplate.model.modal_sum import (
+from torchplate.model.receptance.attach import attach
+from torchplate.model.receptance.modal_sum import (
     EXACT,
     Disc,
     Stretch,

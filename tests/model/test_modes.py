@@ -8,7 +8,7 @@ import scipy.linalg
 import torch
 
 from torchplate.model import Searched
-from torchplate.model.modes import solve_eigenvalues, solve_modes
+from torchplate.model.receptance.modes import solve_eigenvalues, solve_modes
 from torchplate.plate import Mesh
 
 MESHES = {

@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from torchplate.effects import DampingPatch, EdgeSpring, HystereticDamping, Plate, PointMass, SupportSpring
-from torchplate.model import PlateModel, Searched, SparseModel, basis_error, fine_mesh, reduce, reduced_basis
+from torchplate.model import PlateModel, Searched, SparseModel, basis_error, reduce
+from torchplate.model.discretisation import fine_mesh, reduced_basis
 from torchplate.plate import Mesh
 
 TOLERANCE = 1e-4

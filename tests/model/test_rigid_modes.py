@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from torchplate.model import Modes, Searched, modal_impedance, own_damping, reduce
-from torchplate.model.modes import solve_eigenvalues
+from torchplate.model.receptance.modes import solve_eigenvalues
 from torchplate.plate import Mesh
 
 # The strips are 13:1 and 40:1: there the highest eigenvalue is 1e7 and 1e8 times the first elastic one.

@@ -4,7 +4,9 @@ import pytest
 import torch
 from torch.func import hessian, jacfwd, jacrev, vmap
 
-from torchplate.model import PlateModel, Searched, fine_mesh, reduce, ritz_basis, shared_modes, sharing_modes
+from torchplate.model import PlateModel, Searched, reduce, ritz_basis, sharing_modes
+from torchplate.model.discretisation import fine_mesh
+from torchplate.model.receptance import shared_modes
 from torchplate.plate import Mesh
 from torchplate.plate.transforms import REMEMBERED
 

@@ -5,8 +5,8 @@ import itertools
 import pytest
 import torch
 
-from torchplate.model import modal_receptance
-from torchplate.model.modal_receptance import ModalSystem, receptance
+from torchplate.model.receptance import modal_receptance
+from torchplate.model.receptance.modal_receptance import ModalSystem, receptance
 from torchplate.plate import Proportional
 
 MEMBER, MODE, LINE, PLACE = 3, 5, 7, 2

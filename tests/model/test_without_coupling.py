@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from torchplate.effects import CATALOGUE
-from torchplate.model import PlateModel, Searched, modal_receptance
+from torchplate.model import PlateModel, Searched
+from torchplate.model.receptance import modal_receptance
 from torchplate.plate import Mesh
 
 KNOWN = {

@@ -327,7 +327,7 @@ def every() -> list[Mutant]:
     """All mutants, in the order of their files and places."""
     package, found = ROOT / "src" / "torchplate", []
     for room in ROOMS:
-        files = [package / room] if room.endswith(".py") else sorted((package / room).glob("*.py"))
+        files = [package / room] if room.endswith(".py") else sorted((package / room).rglob("*.py"))
         for path in files:
             if path.name != "__init__.py":
                 found += mutants(path.read_bytes(), path.relative_to(package).as_posix())

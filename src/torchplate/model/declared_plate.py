@@ -11,9 +11,9 @@ from torch import Tensor, nn
 from torchplate.effects import Effect, Plate, Searched
 from torchplate.model.arguments import Numbers, Point, Points, as_points, as_theta, check_range, limits
 from torchplate.model.declared import check_rigid, declared
-from torchplate.model.frf import KINDS, laplace_lines, sensor_chain
 from torchplate.model.off_marks import OffMarks, carried_masses
-from torchplate.model.shared_modes import SharedModes
+from torchplate.model.receptance.frf import KINDS, laplace_lines, sensor_chain
+from torchplate.model.receptance.shared_modes import SharedModes
 from torchplate.plate import Assembly, Geometry, Local, Mesh, Plan, Section, transformed
 
 

@@ -11,8 +11,9 @@ from torch import Tensor
 
 from torchplate.effects import Effect, SensorChain
 from torchplate.model.arguments import Numbers, Points, as_frequency, left_out
-from torchplate.model.batched import joined
-from torchplate.model.frf import (
+from torchplate.model.plate_variants import PlateVariants
+from torchplate.model.receptance.batched import joined
+from torchplate.model.receptance.frf import (
     as_kind,
     direct_receptance,
     laplace_lines,
@@ -20,11 +21,10 @@ from torchplate.model.frf import (
     sensor_chain,
     with_sensor_mass,
 )
-from torchplate.model.modal_solution import modal_solution
-from torchplate.model.modal_sum import MEMBERS_AT_ONCE
-from torchplate.model.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
-from torchplate.model.plate_variants import PlateVariants
-from torchplate.model.rearranged import rearranged
+from torchplate.model.receptance.modal_solution import modal_solution
+from torchplate.model.receptance.modal_sum import MEMBERS_AT_ONCE
+from torchplate.model.receptance.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
+from torchplate.model.receptance.rearranged import rearranged
 from torchplate.plate import Plan, System, concatenate, transformed
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from torchplate.effects import Effect, Searched
 from torchplate.model.declared_plate import DeclaredPlate
 from torchplate.model.off_marks import OffMarks
-from torchplate.model.shared_modes import SharedModes
+from torchplate.model.receptance.shared_modes import SharedModes
 from torchplate.plate import Assembly, Mesh, Section
 
 # Greatest error of an FRF in relative norm for which a search is done in single precision; least squares finish it.

@@ -14,9 +14,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.model.gradient import frozen_modes
-from torchplate.model.modes import natural_frequencies
 from torchplate.model.plate_model import PlateModel
+from torchplate.model.receptance.gradient import frozen_modes
+from torchplate.model.receptance.modes import natural_frequencies
 from torchplate.plate import transformed
 
 # Relative distance of eigenvalues below which modes count as a pair: 0.0005 % of frequency.

@@ -23,11 +23,11 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
-from torchplate.model.attach import lines_last, terms_first
-from torchplate.model.attached_sum import Rows, attached_sum
-from torchplate.model.batched import stack_rows
-from torchplate.model.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, reciprocal
-from torchplate.model.modes import solve_modes
+from torchplate.model.receptance.attach import lines_last, terms_first
+from torchplate.model.receptance.attached_sum import Rows, attached_sum
+from torchplate.model.receptance.batched import stack_rows
+from torchplate.model.receptance.modal_sum import CLOSE, LINES_AT_ONCE, Disc, Stretch, reciprocal
+from torchplate.model.receptance.modes import solve_modes
 from torchplate.plate import (
     REMEMBERED,
     Assembly,

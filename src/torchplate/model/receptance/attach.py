@@ -22,7 +22,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.model.modal_sum import reciprocal
+from torchplate.model.receptance.modal_sum import reciprocal
 
 
 def attach(

@@ -10,8 +10,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.model.batched import solve_each, stack_rows
-from torchplate.model.modal_receptance import ModalSystem, modal_receptance
+from torchplate.model.receptance.batched import solve_each, stack_rows
+from torchplate.model.receptance.modal_receptance import ModalSystem, modal_receptance
 from torchplate.plate import LOWEST_FREQUENCY, REFERENCE_FREQUENCY, Proportional
 
 

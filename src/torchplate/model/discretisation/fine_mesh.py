@@ -15,8 +15,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.model.modes import Modes
 from torchplate.model.plate_model import PlateModel
+from torchplate.model.receptance.modes import Modes
 from torchplate.plate import STIFFEST, AddedMass
 
 # Beyond so many dofs the full model is never solved densely: modes by sparse shift-invert, checks by sparse solves.

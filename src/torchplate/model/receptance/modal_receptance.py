@@ -16,10 +16,10 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.model.attach import attach, lines_last, pulls
-from torchplate.model.batched import joined, solve_each, stack_rows
-from torchplate.model.complex_modes import complex_modes
-from torchplate.model.modal_sum import LINES_AT_ONCE, modal_sum, pairs_of, reciprocal
+from torchplate.model.receptance.attach import attach, lines_last, pulls
+from torchplate.model.receptance.batched import joined, solve_each, stack_rows
+from torchplate.model.receptance.complex_modes import complex_modes
+from torchplate.model.receptance.modal_sum import LINES_AT_ONCE, modal_sum, pairs_of, reciprocal
 from torchplate.plate import Proportional, common_shape, is_vmapped
 
 # Impedances solved at once, so that they stay in the cache [bytes].

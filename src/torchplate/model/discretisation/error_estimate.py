@@ -16,8 +16,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.model import fine_mesh
-from torchplate.model.fine_mesh import SparseModel
+from torchplate.model.discretisation import fine_mesh
+from torchplate.model.discretisation.fine_mesh import SparseModel
 from torchplate.model.plate_model import PlateModel
 
 # Lines over the band at which a fine mesh is checked against the full model, or a residual is taken.

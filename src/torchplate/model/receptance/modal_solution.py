@@ -6,9 +6,9 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from torchplate.model.batched import joined
-from torchplate.model.gradient import differentiable_receptance, frozen_modes, modal_impedance
-from torchplate.model.impedance import scattered
+from torchplate.model.receptance.batched import joined
+from torchplate.model.receptance.gradient import differentiable_receptance, frozen_modes, modal_impedance
+from torchplate.model.receptance.impedance import scattered
 from torchplate.plate import System
 
 # From s, response rows and reference rows to receptances.

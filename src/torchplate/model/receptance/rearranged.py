@@ -5,7 +5,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.effects import Effect
-from torchplate.model.frf import sensor_chain
+from torchplate.model.receptance.frf import sensor_chain
 from torchplate.plate import Geometry, Mesh
 
 

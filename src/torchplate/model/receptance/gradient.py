@@ -26,11 +26,19 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.nn.functional import pad
 
-from torchplate.model.batched import stack_rows
-from torchplate.model.impedance import Impedance, adjoint_gradient, change_times, conjugate, contract, solve, times
-from torchplate.model.loewner import receptance_gradient
-from torchplate.model.modal_receptance import receptance
-from torchplate.model.modes import Modes, solve_modes
+from torchplate.model.receptance.batched import stack_rows
+from torchplate.model.receptance.impedance import (
+    Impedance,
+    adjoint_gradient,
+    change_times,
+    conjugate,
+    contract,
+    solve,
+    times,
+)
+from torchplate.model.receptance.loewner import receptance_gradient
+from torchplate.model.receptance.modal_receptance import receptance
+from torchplate.model.receptance.modes import Modes, solve_modes
 from torchplate.plate import System
 
 

@@ -22,10 +22,10 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchplate.model.attach import lines_last, weights
-from torchplate.model.batched import stack_rows
-from torchplate.model.impedance import Impedance, conjugate
-from torchplate.model.modal_sum import LINES_AT_ONCE, Disc, Stretch, as_real, pairs_of, times_complex
+from torchplate.model.receptance.attach import lines_last, weights
+from torchplate.model.receptance.batched import stack_rows
+from torchplate.model.receptance.impedance import Impedance, conjugate
+from torchplate.model.receptance.modal_sum import LINES_AT_ONCE, Disc, Stretch, as_real, pairs_of, times_complex
 from torchplate.plate import common_shape
 
 # Eigenvalues closer than this part of their distance to the nearest line: rounding costs 1e-16 / CLOSE of a difference,

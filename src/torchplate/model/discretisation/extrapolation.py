@@ -23,7 +23,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.model.fine_mesh import SparseModel
+from torchplate.model.discretisation.fine_mesh import SparseModel
 from torchplate.model.plate_model import PlateModel
 from torchplate.plate import Assembly, Correction, Mesh, prolongation
 

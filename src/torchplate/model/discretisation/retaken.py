@@ -9,11 +9,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from torchplate.model.extrapolation import N_MODE, extrapolate
-from torchplate.model.fine_mesh import SparseModel
+from torchplate.model.discretisation.extrapolation import N_MODE, extrapolate
+from torchplate.model.discretisation.fine_mesh import SparseModel
+from torchplate.model.discretisation.reduced_basis import two_level_design
 from torchplate.model.plate_model import PlateModel
-from torchplate.model.reduced_basis import two_level_design
-from torchplate.model.shared_modes import multiples
+from torchplate.model.receptance.shared_modes import multiples
 
 # Below this part of the highest, an eigenvalue is that of a plate on its supports, which no mesh has wrong.
 RIGID = 1e-3

@@ -18,12 +18,18 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.model import fine_mesh
-from torchplate.model.error_estimate import Full, basis_error, estimated_error, full_model, relative_error
-from torchplate.model.fine_mesh import SparseModel
-from torchplate.model.modal_sum import CLOSE, EXACT
+from torchplate.model.discretisation import fine_mesh
+from torchplate.model.discretisation.error_estimate import (
+    Full,
+    basis_error,
+    estimated_error,
+    full_model,
+    relative_error,
+)
+from torchplate.model.discretisation.fine_mesh import SparseModel
 from torchplate.model.plate_model import PlateModel
-from torchplate.model.shared_modes import factors, find_shared_modes
+from torchplate.model.receptance.modal_sum import CLOSE, EXACT
+from torchplate.model.receptance.shared_modes import factors, find_shared_modes
 from torchplate.plate import Plan
 
 # Directions with less than this part of the largest column are rounding, or say nothing new. What a low mode has of a

@@ -7,8 +7,8 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.effects import SensorChain
-from torchplate.model.batched import joined, solve_each, stack_rows
-from torchplate.model.modal_receptance import has_complex_modes
+from torchplate.model.receptance.batched import joined, solve_each, stack_rows
+from torchplate.model.receptance.modal_receptance import has_complex_modes
 from torchplate.plate import System
 
 KINDS = ("receptance", "mobility", "accelerance", "transmissibility")

@@ -21,9 +21,9 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 from torch.autograd import Function
 
-from torchplate.model.attach import attach, attach_, weights_
-from torchplate.model.batched import joined
-from torchplate.model.modal_sum import Stretch, as_complex, as_real, modal_sum, pairs_of
+from torchplate.model.receptance.attach import attach, attach_, weights_
+from torchplate.model.receptance.batched import joined
+from torchplate.model.receptance.modal_sum import Stretch, as_complex, as_real, modal_sum, pairs_of
 from torchplate.plate import transformed
 
 # Numbers in an array that is kept from call to call.

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Bool, Complex
 from torch import Tensor
 
-from torchplate.model.batched import solve_each
+from torchplate.model.receptance.batched import solve_each
 
 # Greatest E at which members are near: what is missing goes by its square, so that four steps end at rounding.
 NEAR = 0.03
