@@ -68,13 +68,13 @@ def remark_on(name: str, effects: Sequence[Named], otherwise: str) -> str:
 
 def _beside_the_specimen(builder: ModelBuilder, naming: Naming, last: State) -> str | None:
     """What it takes beside the plate as it was found to wander, by which it is judged; None where that is uniform."""
-    after = [*(one.before for one in last.named), last.fit]
-    ends = naming.before, after[last.named.index(naming) + 1]
-    found = [left_beside_the_specimen(builder.target, one) for one in ends]
-    if found[1] is None:
+    after = [*(one.before for one in last.named[1:]), last.fit]
+    end = next(fit for one, fit in zip(last.named, after, strict=True) if one is naming)
+    begun, left = (left_beside_the_specimen(builder.target, one) for one in (naming.before, end))
+    if left is None:
         return None
-    before = gap_left(builder.target, ends[0]) if found[0] is None else found[0]
-    return f"from {percent(before)} to {percent(found[1])}"
+    before = gap_left(builder.target, naming.before) if begun is None else begun
+    return f"from {percent(before)} to {percent(left)}"
 
 
 def _chance(naming: Naming) -> str:
