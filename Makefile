@@ -33,6 +33,8 @@ run: export OMP_NUM_THREADS = 1
 run: $(VENV)/.run
 	$(BIN)/python -m torchplate.studies.main_job
 
+# As `torchplate diagnose` does by itself: on models one at a time more threads than one are slower.
+diagnose: export OMP_NUM_THREADS = 1
 diagnose: $(VENV)/.run
 	$(BIN)/python -m torchplate.studies.hidden_effect
 

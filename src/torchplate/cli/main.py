@@ -33,6 +33,8 @@ OUTSIDE = {
 
 # Who names a number of threads means it, for OpenBLAS too.
 COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS")
+# Verbs that evaluate no population.
+ONE_BY_ONE = ("diagnose", "plan")
 
 
 class _Version(argparse.Action):
@@ -156,6 +158,9 @@ def _main(given: list[str]) -> int:
         return 2
     # The others need not be asked what they take.
     verb = next((word for word in given if not word.startswith("-")), "")
+    # Before any parser imports torch. What is timed has the threads that it is told.
+    if verb != "bench":
+        _threads_as_matrices_want(os.environ, verb)
     whole = parser(verb)
     if verb and verb not in VERBS:
         if verb.endswith((".yaml", ".yml")):
@@ -165,9 +170,6 @@ def _main(given: list[str]) -> int:
     # What follows `--set search.seed` belongs to it: the verb says how it is written.
     if left and all("=" in override for override in getattr(parsed, "set", [])):
         whole.error(_not_taken(left, parsed))
-    # What is timed has the threads that it is told.
-    if parsed.verb != "bench":
-        _threads_sleep_while_they_wait(os.environ)
 
     from torchplate.cli.config import InputError
     from torchplate.cli.machine.ranks import Ended
@@ -217,14 +219,17 @@ def _not_taken(left: Sequence[str], parsed: argparse.Namespace) -> str:
     return f"{text}. torchplate {parsed.verb} --help shows what it takes."
 
 
-def _threads_sleep_while_they_wait(environment: MutableMapping[str, str]) -> None:
+def _threads_as_matrices_want(environment: MutableMapping[str, str], verb: str) -> None:
     """Matrices here are small, and threads that wait for the next one keep a core busy which others need.
 
-    OpenBLAS, which SciPy calls, gets one thread; torch keeps all of its own, which sleep between two pieces of work.
+    OpenBLAS, which SciPy calls, gets one thread; torch keeps all of its own, which sleep between two pieces of work. A
+    diagnosis takes one model at a time, of a few dozen modes: more threads than one make it slower, and cost more.
     The libraries read this once, as they are imported. What the user has set stays.
     """
     if not any(name in environment for name in COUNTS):
         environment["OPENBLAS_NUM_THREADS"] = "1"
+        if verb in ONE_BY_ONE:
+            environment["OMP_NUM_THREADS"] = "1"
     environment.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
