@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from torchplate.diagnosis.field.descent import FieldDescent, Place
+from torchplate.diagnosis.field.aside import Aside, put_aside
+from torchplate.diagnosis.field.descent import FieldDescent, Place, part_left
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.grid import Grid
 from torchplate.diagnosis.field.infer import infer_field, with_field
@@ -189,6 +190,42 @@ def test_a_field_that_leaves_the_gap_is_said_to_and_not_shown(scene, monkeypatch
     assert found.field is None
     assert "A field of mass would take" in found.missing[1]
     assert "leaves the gap at 40 % where it is 40 %" in found.missing[1]
+
+
+@pytest.mark.check
+def test_a_gap_that_says_nothing_does_not_hide_a_field(scene, monkeypatch):
+    """Peaks that come nearer by less than their width leave a gap of 90 % where it is."""
+    monkeypatch.setattr(FrfTarget, "gap", lambda *_: torch.tensor(0.9))
+    inferred = infer_field(scene.builder, scene.fit, {}, **SILENT)
+    assert inferred.found.kind == "mass"
+    assert "off what was left of FRFs put aside, smoothed and sharp" in inferred.found.sentences[0]
+
+
+def test_a_fifth_is_put_aside_where_there_are_enough(scene):
+    target = scene.builder.target
+    seen, apart = put_aside(target)
+    assert int(apart.sum()) == 1
+    assert torch.equal(seen.fitted | apart, target.fitted)
+    assert not bool((seen.fitted & apart).any())
+    two = target.fitted.clone()
+    two[0, :2] = False
+    few = target.holding_out(two)
+    same, all_of_them = put_aside(few)
+    assert same is few
+    assert torch.equal(all_of_them, few.fitted)
+
+
+@torch.no_grad()
+def test_what_brings_all_peaks_nearer_is_nearer(lab):
+    """Sharply half of what is missing leaves as much as none of it: peaks are 2.5 widths off instead of five."""
+    scene = lab.Scene(hidden={"gain": 1.0 + 1e-12}, young=1.85e11)
+    grid = Grid.of(scene.fit.model.mesh, SETTINGS.inferring)
+    descent = FieldDescent(FieldModel(scene.builder, scene.fit, "stiffness", grid), {})
+    none, target = descent.start(scene.fit), scene.builder.target
+    half = none._replace(values=torch.full_like(none.values, 0.5 * (2.05 / 1.85 - 1)))
+    assert part_left(target, descent.left(half)) > 0.9 * part_left(target, descent.left(none))
+    aside = Aside(target, part_left(target, descent.left(none)))
+    assert aside.log_left(descent, half) < aside.log_left(descent, none) - 0.3
 
 
 @pytest.mark.check

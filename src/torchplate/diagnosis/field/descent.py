@@ -17,6 +17,7 @@ from torch import Tensor
 
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.strength import Chosen, Products, cross_validated, forms, solved
+from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.lines import every_nth
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.selection.criterion import UNIFORM
@@ -62,6 +63,19 @@ class FieldDescent:
         self.model, self.prior = model, prior
         self.target = model.builder.target
         self.settings = self.target.settings.inferring
+
+    def start(self, fit: Fit) -> Place:
+        """No field.
+
+        Args:
+            fit: of the model without one.
+        """
+        position = self.model.base.space.to_cube(fit.theta).clamp(0.0, 1.0)
+        return Place(position, fit.theta.new_zeros(len(self.model.effect.parameters)), fit.about)
+
+    def rebased(self, place: Place) -> None:
+        """From here on in the modes of the plate at a place."""
+        self.model.rebased(self.model.base.space.to_si(place.position), place.values)
 
     def widely(self, place: Place) -> Place:
         """After a few steps at each wide level, beside a smooth prior; from a single value beside a sparse one."""

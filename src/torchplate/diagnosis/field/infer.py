@@ -1,14 +1,14 @@
 """From a fitted model that does not explain a measurement to the field that does so best, and of which kind it is.
 
-A fifth of the FRFs is put aside. All kinds begin with the smoothed spectra of the others. Then they take sharp steps, all
-in the same weighing of residuals, and the better half goes on. How probable a kind is follows from how well the place
-where it came nearest predicts the FRFs put aside, at each wide level and sharply:
+A fifth of the FRFs is put aside. All kinds begin with the smoothed spectra of the others. Then they take a few sharp
+steps, all in the same weighing of residuals. How probable a kind is follows from how well the place where it came
+nearest predicts the FRFs put aside, at each wide level and sharply:
 
     −2 ln p = n_eff · mean over the levels of ln(mean square of what is left of them),
 
 n_eff the numbers that what is left is worth: all where it is noise, and no more than frequencies, dampings and
 deflections of the modes where it is the model's own error. Sharply alone a field that catches a few peaks and moves all
-others beats one that moves all of them nearer. The best kind takes its last steps with all FRFs.
+others beats one that moves all of them nearer. The best kind begins anew with all FRFs, and goes to its end.
 """
 
 import math
@@ -21,6 +21,7 @@ import torch
 from torch import Tensor
 
 from torchplate.diagnosis.before_and_after import at_all_lines
+from torchplate.diagnosis.field.aside import Aside, put_aside
 from torchplate.diagnosis.field.descent import FieldDescent, Place, inflated, part_left, thinned
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.grid import Grid
@@ -50,16 +51,26 @@ class NoField(NamedTuple):
 
 
 class _Kind(NamedTuple):
-    """One kind of field, and where its descent is."""
+    """One kind of field, where its descent is, and where it came nearest to the FRFs put aside.
+
+    Attributes:
+        descent: of this kind.
+        place: where it is.
+        nearest: where it came nearest.
+        log_left: what is left there, see `Aside.log_left`.
+    """
 
     descent: FieldDescent
     place: Place
+    nearest: Place
+    log_left: float
 
-    @property
-    def error(self) -> float:
-        """Mean square of what is left of FRFs that were left out."""
-        assert self.place.chosen is not None
-        return self.place.chosen.error
+    def after(self, place: Place, aside: Aside) -> "_Kind":
+        """The same, gone on to a place."""
+        log_left = aside.log_left(self.descent, place)
+        if log_left < self.log_left:
+            return _Kind(self.descent, place, place, log_left)
+        return self._replace(place=place)
 
 
 def with_field(
@@ -96,47 +107,58 @@ def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[st
         say: is told what is being tried.
     """
     settings, whole = builder.target.settings.inferring, builder.target
-    target = thinned(whole, settings.most_numbers, settings.least_lines)
-    beside = builder.against(target)
+    every = thinned(whole, settings.most_numbers, settings.least_lines)
+    target, apart = put_aside(every)
     grid = Grid.of(fit.model.mesh, settings)
     say(f"a field without a name: {', '.join(KINDS)} at {grid.n_x} × {grid.n_y} nodes")
-    alive = {kind: _begun(FieldDescent(FieldModel(beside, fit, kind, grid), prior), fit) for kind in KINDS}
-    behind: dict[str, float] = {}
-    parts: list[float] = []
-    for step in range(settings.n_sharp):
-        part = min(part_left(target, one.descent.left(one.place)) for one in alive.values())
-        parts.append(part)
-        alive = {kind: one._replace(place=one.descent.sharply(one.place, part)) for kind, one in alive.items()}
-        best = min(one.error for one in alive.values())
-        behind |= {kind: one.error / best for kind, one in alive.items()}
-        if step + 1 == settings.n_all:
-            kept = sorted(behind, key=behind.__getitem__)[: (len(KINDS) + 1) // 2]
-            alive = {kind: one for kind, one in alive.items() if kind in kept}
-        if step > settings.n_all + settings.patience and part > settings.falling * parts[-1 - settings.patience]:
-            break
-    n_eff = _worth(target, part)
-    kind = min(alive, key=lambda kind: alive[kind].error)
-    one, others = _among_images(alive[kind], part, n_eff)
-    chosen = one.place.chosen
-    assert chosen is not None
-    say(f"  {kind}: {percent(1 - chosen.error / chosen.without)} less is left of FRFs that were left out")
-    if chosen.error > (1 - settings.helps) * chosen.without:
+
+    def descent(kind: str, seen: FrfTarget) -> FieldDescent:
+        return FieldDescent(FieldModel(builder.against(seen), fit, kind, grid), prior)
+
+    descents = [descent(kind, target) for kind in KINDS]
+    start = descents[0].start(fit)
+    aside = Aside(every.holding_out(~apart), part_left(target, descents[0].left(start)))
+    without = aside.log_left(descents[0], start)
+    kinds = [_begun(one, start, aside) for one in descents]
+    for _ in range(settings.n_all):
+        part = min(part_left(target, one.descent.left(one.place)) for one in kinds)
+        kinds = [one.after(one.descent.sharply(one.place, part), aside) for one in kinds]
+    nearest = min(kinds, key=lambda one: one.log_left)
+    kind, less = nearest.descent.model.kind, 1 - math.exp(nearest.log_left - without)
+    say(f"  {kind}: {percent(less)} less is left of FRFs that were put aside, smoothed and sharp")
+    if less < settings.helps:
         return None
-    return _told(builder, fit, one, others, _probability(behind, n_eff), n_few=int(target.fitted.sum()))
+    probability = _probability({one.descent.model.kind: one.log_left for one in kinds}, _worth(aside.target, part))
+    one, others = _among_images(*_to_its_end(descent(kind, every), fit))
+    return _told(builder, fit, one, others, probability, less, n_few=int(every.fitted.sum()))
 
 
-def _begun(descent: FieldDescent, fit: Fit) -> _Kind:
+def _begun(descent: FieldDescent, start: Place, aside: Aside) -> _Kind:
     """Where the wide levels lead, from none and from the best single values, if any comes nearer than the start."""
-    model = descent.model
-    position = model.base.space.to_cube(fit.theta).clamp(0.0, 1.0)
-    start = Place(position, fit.theta.new_zeros(len(model.effect.parameters)), fit.about)
     from_none = start._replace(about=None)
     places = [start, *(descent.widely(one) for one in (from_none, *descent.bumps(from_none)))]
-    parts = [part_left(descent.target, descent.left(one)) for one in places]
-    there = places[parts.index(min(parts))]
-    if there is not start:
-        model.rebased(model.base.space.to_si(there.position), there.values)
-    return _Kind(descent, there)
+    left = []
+    for place in places:
+        # The modes of the plate without a field do not hold what a large value alone does.
+        descent.rebased(place)
+        left.append(aside.log_left(descent, place))
+    there = places[left.index(min(left))]
+    descent.rebased(there)
+    return _Kind(descent, there, there, min(left))
+
+
+def _to_its_end(descent: FieldDescent, fit: Fit) -> tuple[_Kind, Aside]:
+    """A kind with all FRFs: where its sharp steps end, and what it is judged by there."""
+    settings, start = descent.settings, descent.start(fit)
+    parts = [part_left(descent.target, descent.left(start))]
+    place = _begun(descent, start, Aside(descent.target, parts[0])).place
+    for step in range(settings.n_sharp):
+        parts.append(part_left(descent.target, descent.left(place)))
+        place = descent.sharply(place, parts[-1])
+        if step > settings.patience and parts[-1] > settings.falling * parts[-1 - settings.patience]:
+            break
+    aside = Aside(descent.target, parts[-1])
+    return _Kind(descent, place, place, aside.log_left(descent, place)), aside
 
 
 def _worth(target: FrfTarget, part: float) -> float:
@@ -148,50 +170,49 @@ def _worth(target: FrfTarget, part: float) -> float:
     return 1 / (float(own) / n + (1 - float(own)) / min(n, target.n_modal))
 
 
-def _probability(behind: Mapping[str, float], n_eff: float) -> dict[str, float]:
-    """Of each kind, from how many times the least error it leaves."""
-    weight = {kind: math.exp(max(-700.0, -0.5 * n_eff * math.log(ratio))) for kind, ratio in behind.items()}
+def _probability(log_left: Mapping[str, float], n_eff: float) -> dict[str, float]:
+    """Of each kind, from what it leaves."""
+    least = min(log_left.values())
+    weight = {kind: math.exp(max(-700.0, -0.5 * n_eff * (one - least))) for kind, one in log_left.items()}
     total = sum(weight.values())
     return {kind: one / total for kind, one in weight.items()}
 
 
-def _misfit(one: _Kind, part: float) -> float:
-    """Mean square of what is left, in a weighing."""
-    target = one.descent.target
-    square = one.descent.left(one.place).abs().square() / inflated(target, part).variance
-    return float(square[:, target.fitted].mean()) / 2
-
-
-def _among_images(one: _Kind, part: float, n_eff: float) -> tuple[_Kind, list[Tensor]]:
+def _among_images(one: _Kind, aside: Aside) -> tuple[_Kind, list[Tensor]]:
     """The best of a field and its mirror images, and the values of those that are as good."""
     descent, settings = one.descent, one.descent.settings
-    near = 2 * math.log(settings.twin)
-    found, misfit = [one], [_misfit(one, part)]
-    for values in descent.model.grid.images(one.place.values):
-        image = one._replace(place=one.place._replace(values=values))
+    near = 2 * math.log(settings.twin) / _worth(aside.target, aside.part)
+    found = [one]
+    for values in descent.model.grid.images(one.nearest.values):
+        place = one.nearest._replace(values=values)
+        image = _Kind(descent, place, place, aside.log_left(descent, place))
         # What is far off before it is fitted will not come back in one step.
-        if _misfit(image, part) > 4 * misfit[0]:
+        if image.log_left > one.log_left + math.log(4):
             continue
-        image = image._replace(place=descent.sharply(image.place, part))
-        found.append(image)
-        misfit.append(_misfit(image, part))
-    first = misfit.index(min(misfit))
+        found.append(image.after(descent.sharply(place, part_left(descent.target, descent.left(place))), aside))
+    first = min(found, key=lambda image: image.log_left)
     grid = descent.model.grid
-    middle = grid.centre(found[first].place.values)[0]
+    middle = grid.centre(first.nearest.values)[0]
     others = [
-        image.place.values
-        for image, left in zip(found, misfit, strict=True)
-        if n_eff * math.log(left / misfit[first]) < near
-        and float((grid.centre(image.place.values)[0] - middle).abs().max()) > 0.5 / (max(grid.n_x, grid.n_y) - 1)
+        image.nearest.values
+        for image in found
+        if image.log_left - first.log_left < near
+        and float((grid.centre(image.nearest.values)[0] - middle).abs().max()) > 0.5 / (max(grid.n_x, grid.n_y) - 1)
     ]
-    return found[first], others
+    return first, others
 
 
 def _told(
-    builder: ModelBuilder, fit: Fit, one: _Kind, others: list[Tensor], probability: Mapping[str, float], n_few: int
+    builder: ModelBuilder,
+    fit: Fit,
+    one: _Kind,
+    others: list[Tensor],
+    probability: Mapping[str, float],
+    less: float,
+    n_few: int,
 ) -> Inferred | NoField | None:
     """The field on all lines, if it helps there too."""
-    model, place, target = one.descent.model, one.place, builder.target
+    model, place, target = one.descent.model, one.nearest, builder.target
     theta = model.base.space.to_si(place.position)
     model.rebased(theta, place.values)
     every = model.joined(theta, place.values)
@@ -205,10 +226,10 @@ def _told(
     before, after = (gaps[2], gaps[3]) if gaps[2] is not None else (gaps[0], gaps[1])
     if before is None or after is None:
         return None
-    assert place.chosen is not None
-    if after > (1 - target.settings.inferring.helps) * before:
-        return NoField(no_field(model.kind, 1 - place.chosen.error / place.chosen.without, before, after))
-    found = as_found(model, place, others, probability, gaps, target, n_few)
+    settings = target.settings.inferring
+    if after > (before if before > settings.saturated else (1 - settings.helps) * before):
+        return NoField(no_field(model.kind, less, before, after))
+    found = as_found(model, place, others, probability, gaps, target, less, n_few)
     known = builder.finished(model.whole, every)
     own = {name: value for name, value in known.known_values.items() if not name.startswith(f"{model.label}.")}
     return Inferred(

@@ -28,6 +28,7 @@ def as_found(
     probability: Mapping[str, float],
     gaps: Sequence[float | None],
     target: FrfTarget,
+    less: float,
     n_frf: int,
 ) -> FoundField:
     """The field as it is reported.
@@ -39,34 +40,35 @@ def as_found(
         probability: of each kind.
         gaps: fitted before and after, held out before and after.
         target: what it was held against.
+        less: part that it takes off what is left of FRFs put aside, smoothed and sharp [-].
         n_frf: that it was fitted to.
     """
-    assert place.chosen is not None
     grid, values = model.grid, place.values
     middle, spread = grid.centre(values)
     total, unit = _total(model, values)
-    chosen = place.chosen
+    # A place at the end of the wide levels has their prior.
+    form, strength = ("smooth", model.unit) if place.chosen is None else (place.chosen.form, place.chosen.std)
     found = FoundField(
         model.kind, _pair(middle), _pair(spread), tuple(_pair(grid.centre(one)[0]) for one in others), total, unit,
-        grid.n_x, grid.n_y, tuple(values.tolist()), chosen.form, chosen.std,
+        grid.n_x, grid.n_y, tuple(values.tolist()), form, strength,
         {kind: round(one, 4) for kind, one in probability.items()},
         gaps[0] or 0.0, gaps[1] or 0.0, gaps[2], gaps[3],
     )  # fmt: skip
-    return replace(found, sentences=tuple(_sentences(found, n_frf, target)))
+    return replace(found, sentences=tuple(_sentences(found, n_frf, less, target)))
 
 
 def no_field(kind: str, part: float, before: float, after: float) -> str:
-    """Why a field that predicts FRFs left out is none: it does not take off their gap what it takes off their misfit.
+    """Why a field that predicts FRFs put aside is none: it does not take off their gap what it takes off their misfit.
 
     Args:
         kind: of the best one.
-        part: that it takes off the mean square of FRFs left out, weighed by noise and level around each line [-].
+        part: that it takes off what is left of FRFs put aside, smoothed and sharp [-].
         before: the gap of FRFs that no fit saw, or of the fitted ones where there are none.
         after: likewise with it.
     """
     return (
-        f"A field of {WORDS[kind]} would take {percent(part)} off the weighed misfit of FRFs left out in turn, "
-        f"which counts troughs like peaks, and leaves the gap at {percent(after)} where it is {percent(before)}: too "
+        f"A field of {WORDS[kind]} would take {percent(part)} off what is left of FRFs put aside, smoothed and sharp, "
+        f"where troughs count like peaks, and leaves the gap at {percent(after)} where it is {percent(before)}: too "
         "little to be shown."
     )
 
@@ -87,7 +89,7 @@ def _total(model: FieldModel, values: Tensor) -> tuple[float, str]:
     return mean * float(plan.section.areal_mass.mean()) * area, "kg"
 
 
-def _sentences(found: FoundField, n_frf: int, target: FrfTarget) -> list[str]:
+def _sentences(found: FoundField, n_frf: int, less: float, target: FrfTarget) -> list[str]:
     """Kind and place, what it takes off the gap, and what these data do not tell."""
     size = (
         f"{found.total:+.3g} {found.unit} in all"
@@ -106,7 +108,8 @@ def _sentences(found: FoundField, n_frf: int, target: FrfTarget) -> list[str]:
     which = "fitted FRFs" if found.heldout_before is None else "FRFs that no fit saw"
     said = [
         f"What is missing acts as {WORDS[found.kind]} ({size}); {where}. It takes the gap of the {which} from "
-        f"{percent(before)} to {percent(after)}. This is no name."
+        f"{percent(before)} to {percent(after)}, and {percent(less)} off what was left of FRFs put aside, smoothed and "
+        "sharp. This is no name."
     ]
     rivals = [
         f"{WORDS[kind]} ({one:.2f})"

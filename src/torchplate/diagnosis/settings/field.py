@@ -30,8 +30,8 @@ class FieldInference:
         n_wide: steps at each wide level [-].
         level: part to which what is left has to fall at each, or the steps of a level end [-].
         n_sharp: steps at the sharp one, at most [-].
-        n_all: of these, those that all kinds take; the better half takes the others [-].
-        patience: steps in which what the best kind leaves has to fall [-].
+        n_all: those that each kind takes before one is chosen [-].
+        patience: steps in which what is left has to fall [-].
         falling: to this part of it at least, or the steps end [-].
         n_fold: parts that the FRFs are divided into for cross-validation [-].
         spacing: length over which a smooth field goes together, in spacings of the nodes [-].
@@ -45,7 +45,10 @@ class FieldInference:
             in so many of what it would be, which is as good as zero.
         wide: standard deviation about its centre, relative to the side, from which on a field has no one place [-]:
             that of a weight that is even over seven tenths of the side, 0.7/√12.
-        helps: part of the cross-validated misfit, and of the gap of the held-out FRFs, that a field must take off [-].
+        helps: part of what is left of FRFs put aside, and of the gap of the held-out FRFs, that a field must take off
+            [-].
+        saturated: a gap beyond this need not fall by so much, but must not grow [-]: half of all power, 1/√2, is out of
+            place there, and peaks that come nearer by less than their width leave it where it is.
         twin: a mirror image is a twin unless it is so many times less probable [-].
     """
 
@@ -78,6 +81,7 @@ class FieldInference:
     holding: float = 1e9
     wide: float = 0.2
     helps: float = 0.1
+    saturated: float = 0.7
     twin: float = 20.0
 
     def farthest(self, n_level: int) -> float:
