@@ -4,6 +4,7 @@
 - `grid`: the nodes of the field: where it sits, how far it spreads, its mirror images.
 - `field_model`: a fitted model with a field in it, and what each value of it does to the FRFs.
 - `descent`: Gauss and Newton's steps, from smoothed spectra to sharp ones.
+- `aside`: FRFs that no step sees, which choose among kinds and images.
 - `strength`: how large and how smooth a field may be, by cross-validation over the FRFs.
 - `told`: what was found, in words and numbers.
 """
