@@ -79,7 +79,7 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     assert (
         f"of [{every} tables](runs/blind/tables/X/table.md) {n} of {of} detectable effects, and {named} false" in text
     )
-    (n, of), (kept, still), (named, _) = (rate("workshop/Y/table.md", what) for what in (right, silent, false))
+    (n, of), (kept, still), (named, _) = (rate("workshop/Z/table.md", what) for what in (right, silent, false))
     assert f"{n} of {of} single effects, {kept} of {still} with nothing hidden, and {named} false name" in text
     table = "states/B/table.md"
     (n, of), (named, still) = (rate(table, what) for what in ("named right, of those", "a false name on an unchanged"))
@@ -90,7 +90,7 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     )
 
 
-@pytest.mark.parametrize("table", ["M", "states/B", "tables/X", "workshop/Y"])
+@pytest.mark.parametrize("table", ["M", "states/B", "tables/X", "workshop/Z"])
 def test_the_map_of_runs_says_which_cases_the_committed_tables_are_of(table):
     head = (ROOT / "runs/blind" / table / "table.md").read_text().splitlines()[0]
     numbers = re.findall(r"\d+", re.match(r"Cases ([\d andto]+),", head)[1])
