@@ -341,6 +341,16 @@ def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
 
 
 @torch.no_grad()
+def test_a_support_without_stiffness_is_the_dashpot_that_was_found(lab):
+    """Two descents of the same ended a hundred of −2 ln L apart, and the one called support was believed."""
+    scene = lab.Scene(hidden={"wire": (1e-3, 5.0)})
+    dashpot = scene.hypothesis("ground_dashpot", start=torch.tensor([0.5, 0.6, *lab.spot, 0.6]))
+    found, supports = scene.ranking.grounded.as_supports(scene.state, dashpot)
+    assert found.name == "ground_dashpot"
+    assert "support_spring" not in {one.name for one in supports}
+
+
+@torch.no_grad()
 @pytest.mark.check
 def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, monkeypatch):
     scene = lab.Scene(hidden={"wire": (700.0, 0.0)})

@@ -36,7 +36,8 @@ class Grounded:
         """What is grounded at a place, with the penalty of ending at a support; and the supports that it may be.
 
         Where no support is, that is a further one, spring and dashpot at once; else the one that is there, tighter.
-        Both are asked for where it may be at a support.
+        Both are asked for where it may be at a support. One whose stiffness ends at the least that is looked for holds
+        nothing: that is the dashpot which was found, whatever two descents of the same ended apart.
 
         Args:
             state: without it.
@@ -68,7 +69,7 @@ class Grounded:
                 again = self._from_support(state, found, best, hopeless)
                 if again.fit.cost < nearer:
                     return self.as_supports(state, again, hopeless, beat, taken_up=True)
-        return found, refit
+        return found, [one for one in refit if not _is_slack(one)]
 
     def _priced(self, support: Hypothesis, found: Hypothesis) -> Hypothesis:
         """A support at a place that a spring or dashpot has found, with what the choice of the place costs.
@@ -95,3 +96,12 @@ class Grounded:
                 values[own] = value
         start = torch.tensor([list(values.values())]).to(found.fit.theta)
         return self.refits.refit(state, found.candidate, found.label, whole.space.to_cube(start), hopeless)
+
+
+def _is_slack(support: Hypothesis) -> bool:
+    """Whether a further support ends without stiffness."""
+    model, stiffness = support.fit.model, f"{support.label}.stiffness"
+    if support.name != "support_spring" or stiffness not in model.names:
+        return False
+    at, theta = model.names.index(stiffness), support.fit.theta
+    return bool(model.space.at_bound(theta)[at]) and float(model.space.to_cube(theta)[at]) < 0.5
