@@ -199,6 +199,8 @@ def test_a_gap_that_says_nothing_does_not_hide_a_field(scene, monkeypatch):
     inferred = infer_field(scene.builder, scene.fit, {}, **SILENT)
     assert inferred.found.kind == "mass"
     assert "off what was left of FRFs put aside, smoothed and sharp" in inferred.found.sentences[0]
+    # Of six one is put aside.
+    assert "Its kind was chosen by 1 FRF put aside: take it as a guess" in inferred.found.sentences[-1]
 
 
 def test_a_fifth_is_put_aside_where_there_are_enough(scene):

@@ -130,7 +130,7 @@ def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[st
         return None
     probability = _probability({one.descent.model.kind: one.log_left for one in kinds}, _worth(aside.target, part))
     one, others = _among_images(*_to_its_end(descent(kind, every), fit))
-    return _told(builder, fit, one, others, probability, less, n_few=int(every.fitted.sum()))
+    return _told(builder, fit, one, others, probability, less, (int(every.fitted.sum()), int(apart.sum())))
 
 
 def _begun(descent: FieldDescent, start: Place, aside: Aside) -> _Kind:
@@ -209,7 +209,7 @@ def _told(
     others: list[Tensor],
     probability: Mapping[str, float],
     less: float,
-    n_few: int,
+    n_frf: tuple[int, int],
 ) -> Inferred | NoField | None:
     """The field on all lines, if it helps there too."""
     model, place, target = one.descent.model, one.nearest, builder.target
@@ -229,7 +229,7 @@ def _told(
     settings = target.settings.inferring
     if after > (before if before > settings.saturated else (1 - settings.helps) * before):
         return NoField(no_field(model.kind, less, before, after))
-    found = as_found(model, place, others, probability, gaps, target, less, n_few)
+    found = as_found(model, place, others, probability, gaps, target, less, n_frf)
     known = builder.finished(model.whole, every)
     own = {name: value for name, value in known.known_values.items() if not name.startswith(f"{model.label}.")}
     return Inferred(

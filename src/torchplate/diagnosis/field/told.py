@@ -29,7 +29,7 @@ def as_found(
     gaps: Sequence[float | None],
     target: FrfTarget,
     less: float,
-    n_frf: int,
+    n_frf: tuple[int, int],
 ) -> FoundField:
     """The field as it is reported.
 
@@ -41,7 +41,7 @@ def as_found(
         gaps: fitted before and after, held out before and after.
         target: what it was held against.
         less: part that it takes off what is left of FRFs put aside, smoothed and sharp [-].
-        n_frf: that it was fitted to.
+        n_frf: that it was fitted to, and those of them that chose its kind.
     """
     grid, values = model.grid, place.values
     middle, spread = grid.centre(values)
@@ -89,7 +89,7 @@ def _total(model: FieldModel, values: Tensor) -> tuple[float, str]:
     return mean * float(plan.section.areal_mass.mean()) * area, "kg"
 
 
-def _sentences(found: FoundField, n_frf: int, less: float, target: FrfTarget) -> list[str]:
+def _sentences(found: FoundField, n_frf: tuple[int, int], less: float, target: FrfTarget) -> list[str]:
     """Kind and place, what it takes off the gap, and what these data do not tell."""
     size = (
         f"{found.total:+.3g} {found.unit} in all"
@@ -122,9 +122,15 @@ def _sentences(found: FoundField, n_frf: int, less: float, target: FrfTarget) ->
     if found.others:
         places = " or ".join(f"x {x:.2f}, y {y:.2f}" for x, y in found.others)
         said.append(f"By the symmetry of the plate it may as well sit at {places}.")
-    if n_frf < target.settings.holding_out.few:
+    n, n_aside = n_frf
+    if n < target.settings.holding_out.few:
         said.append(
-            f"{n_frf} FRF{'s' if n_frf > 1 else ''} cannot tell a place from its mirror images, nor a mass from a lost "
+            f"{n} FRF{'s' if n > 1 else ''} cannot tell a place from its mirror images, nor a mass from a lost "
             "stiffness that moves the same modes: take the map as one of several. Measure more points."
+        )
+    elif n_aside < target.settings.holding_out.few:
+        said.append(
+            f"Its kind was chosen by {n_aside} FRF{'s' if n_aside > 1 else ''} put aside: take it as a guess, however "
+            "probable. Measure more points."
         )
     return said
