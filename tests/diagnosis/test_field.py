@@ -68,8 +68,9 @@ class TestStrength:
         values = torch.zeros(30, dtype=torch.float64)
         values[13] = 3.0
         grid = Grid(6, 5, False)
-        chosen = cross_validated(self._data(values), forms(grid, None, SETTINGS.inferring), SETTINGS.inferring)
-        assert chosen.error < 0.5 * chosen.without
+        data = self._data(values)
+        chosen = cross_validated(data, forms(grid, None, SETTINGS.inferring), SETTINGS.inferring)
+        assert chosen.error < 0.5 * float(data.square.sum()) / data.n
         again = cross_validated(self._data(values), forms(grid, values, SETTINGS.inferring), SETTINGS.inferring)
         # Weights that know where the one value is leave nothing but noise.
         assert again.form == "sparse"
@@ -78,8 +79,9 @@ class TestStrength:
     def test_noise_is_not_predicted_by_a_field(self):
         grid = Grid(6, 5, False)
         nothing = torch.zeros(30, dtype=torch.float64)
-        chosen = cross_validated(self._data(nothing), forms(grid, None, SETTINGS.inferring), SETTINGS.inferring)
-        assert chosen.error > (1 - SETTINGS.inferring.helps) * chosen.without
+        data = self._data(nothing)
+        chosen = cross_validated(data, forms(grid, None, SETTINGS.inferring), SETTINGS.inferring)
+        assert chosen.error > (1 - SETTINGS.inferring.helps) * float(data.square.sum()) / data.n
 
     def test_directions_of_which_rounding_alone_is_left_stay_where_they_are(self):
         """A fold that alone saw them left zeros on the diagonal and rounding beside: the diagnosis ended in that."""

@@ -1,4 +1,4 @@
-"""FRFs put aside, which choose among kinds and places of a field.
+"""What a place of a field leaves of some FRFs: of those put aside, which choose among the kinds.
 
 Sharp spectra alone choose badly where peaks are off by more than their width: a field that catches a few of them and
 moves the others anywhere leaves less than one that brings all of them nearer. Wide spectra see each of them. So each
@@ -18,11 +18,11 @@ from torchplate.diagnosis.target import FrfTarget
 
 @dataclass(frozen=True, eq=False)
 class Aside:
-    """FRFs that no step of a field sees; where there are too few to spare any, those that it sees.
+    """FRFs that judge the places of a field: of kinds those that no step sees, of mirror images all of them.
 
     Attributes:
         target: with these alone as fitted ones.
-        part: of the level around each line that what the model leaves without a field is, in the sharp spectra [-].
+        part: of the level around each line that counts as noise in the sharp spectra [-].
     """
 
     target: FrfTarget
@@ -47,7 +47,7 @@ class Aside:
 
 
 def put_aside(target: FrfTarget) -> tuple[FrfTarget, Bool[Tensor, "n_response n_reference"]]:
-    """What steps are to see, and which FRFs choose.
+    """What steps are to see, and which FRFs choose: the same ones where there are too few to spare any.
 
     Args:
         target: with all FRFs that may be fitted.

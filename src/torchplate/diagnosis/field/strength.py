@@ -51,14 +51,12 @@ class Chosen(NamedTuple):
         precision: Λ.
         std: s: of a value before anything was seen, on the mean over the nodes.
         error: mean square of what is left of FRFs that were left out.
-        without: the same without a field.
     """
 
     form: str
     precision: Float[Tensor, "n_value n_value"]
     std: float
     error: float
-    without: float
 
 
 def forms(
@@ -96,8 +94,6 @@ def cross_validated(
     whole, right = products.gram.sum(0) + products.told[0], products.right.sum(0) + products.told[1]
     k = len(right) - products.n_value
     typical = float(whole.diagonal()[k:].mean().clamp(min=1e-300))
-    held = torch.cat([whole.new_zeros(k), whole.new_full((products.n_value,), settings.holding * typical)])
-    without = _error(products, whole, right, torch.diag(held))
     low, high, n_decade = settings.strengths
     # A value alone is known to 1/√(JᵀJ).
     sizes = 10 ** torch.arange(low, high + 1e-9, 1 / n_decade, dtype=torch.float64) / typical**0.5
@@ -110,7 +106,7 @@ def cross_validated(
             more = more + torch.diag(held_now)
             error = _error(products, whole, right, more)
             if best is None or error < best.error:
-                best = Chosen(form, shape / std**2, std, error, without)
+                best = Chosen(form, shape / std**2, std, error)
     assert best is not None
     return best
 
