@@ -10,7 +10,7 @@ import torch
 
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.change import PlateTest, what_changed
-from torchplate.diagnosis.change.after import against_the_next, from_each_other
+from torchplate.diagnosis.change.after import against_the_next
 from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.comparison import Comparing, Promise, State, ways_of
 from torchplate.diagnosis.change.flow import comparing_of
@@ -19,7 +19,6 @@ from torchplate.diagnosis.change.settings import SETTINGS
 from torchplate.diagnosis.change.table import _both_ways, _tables
 from torchplate.diagnosis.selection.criterion import is_noise
 from torchplate.diagnosis.settings import SETTINGS as DIAGNOSIS
-from torchplate.discrepancy import OfChannels
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import Channel, Imperfections, Measurement, NaturalFrequencies
 from torchplate.model import PlateModel, Searched, extrapolate, ritz_basis
@@ -355,17 +354,6 @@ def test_a_change_that_changes_nothing_leaves_the_mesh_error_as_it_was():
     )
     # Of modes that the wires hold it was seven times as large in the middle of the box, of others up to a half more.
     assert torch.allclose(taken_off, anew, rtol=0.05)
-
-
-def test_what_all_records_drift_is_no_drift_of_theirs():
-    one = OfChannels(
-        torch.zeros(1, 2), torch.tensor([[0.5, 1.0], [0.0, 2.0], [0.3, 0.0]]), torch.ones(1, 2), torch.ones(3, 2),
-        ("x", "y"), ("x", "drift"), drift=2e-4,
-    )  # fmt: skip
-    apart = from_each_other(one)
-    # Of the third nothing was seen.
-    assert apart.reference[:, 1].tolist() == [-0.5, 0.5, 0.0]
-    assert torch.equal(apart.reference[:, 0], one.reference[:, 0])
 
 
 def test_a_change_that_promises_least_is_refitted_where_it_ends_lowest():

@@ -335,3 +335,14 @@ def test_matrices_that_are_multiples_of_one_another_are_felt_once():
     assert own.tolist() == [1, 2, 6]
     assert multiple.tolist() == pytest.approx([0.0, 1.0, 1.0, -2.5, 0.0, 1e-9, 1.0])
     assert [which[k].item() for k in (1, 2, 3, 5, 6)] == [0, 1, 0, 1, 2]
+
+
+def test_what_all_records_drift_is_no_drift_of_theirs():
+    one = OfChannels(
+        torch.zeros(1, 2), torch.tensor([[0.5, 1.0], [0.0, 2.0], [0.3, 0.0]]), torch.ones(1, 2), torch.ones(3, 2),
+        ("x", "y"), ("x", "drift"), drift=2e-4,
+    )  # fmt: skip
+    apart = one.from_each_other()
+    # Of the third nothing was seen.
+    assert apart.reference[:, 1].tolist() == [-0.5, 0.5, 0.0]
+    assert torch.equal(apart.reference[:, 0], one.reference[:, 0])

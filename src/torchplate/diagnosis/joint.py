@@ -285,10 +285,10 @@ class Joint:
         return marginal.misfit(off, about, self.settings.farthest, self.target.noise.resonances is not None) + prior
 
     def _seen(self, place: Place, channels: OfChannels | None, marginal: Marginal) -> OfChannels | None:
-        """What is left at a place says of channels, beside nuisances about another."""
+        """What is left at a place says of channels, beside nuisances about another; of drifts those from each other."""
         off, _ = self._off(*place, channels, marginal)
         seen = marginal.channels(marginal.residual(off))
-        return seen and seen.within(self.settings.farthest)
+        return seen and seen.within(self.settings.farthest).from_each_other()
 
     def _beside(self, position: Tensor, shift: Tensor, channels: OfChannels | None) -> Marginal:
         """Noise and the nuisances that are left."""

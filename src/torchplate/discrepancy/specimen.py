@@ -89,6 +89,23 @@ class OfChannels(NamedTuple):
             response=self.response * kept[0].to(self.response), reference=self.reference * kept[1].to(self.reference)
         )
 
+    def from_each_other(self) -> "OfChannels":
+        """The same, its drifts those of the records from each other.
+
+        What all records have in common is a drift of the plate, which moves its modes as a modulus does. Taken for the
+        channels' own it is nobody's: parameters follow it, what is linear stays behind, and each turn finds a little
+        more of it.
+        """
+        found = []
+        for values, names in ((self.response, self.of_response), (self.reference, self.of_reference)):
+            if "drift" in names:
+                values, at = values.clone(), names.index("drift")
+                # Of a channel that no fit sees nothing is known, and it is where it was.
+                seen = values[:, at] != 0
+                values[seen, at] -= values[seen, at].mean()
+            found.append(values)
+        return self._replace(response=found[0], reference=found[1])
+
     def places(self) -> tuple[Tensor | None, Tensor | None]:
         """How far each response and each reference is off its mark; None where that is not among what is known."""
         return self._both("x", self.response, self.reference, 2)
@@ -143,8 +160,11 @@ class Found(NamedTuple):
     channels: OfChannels | None = None
 
     def within(self, most: float) -> "Found":
-        """Shifts of so many standard deviations at most: a model about farther ones would be no plate any more."""
-        channels = None if self.channels is None else self.channels.within(most)
+        """Shifts of so many standard deviations at most: a model about farther ones would be no plate any more.
+
+        Of what records drift, as far as they do from each other.
+        """
+        channels = None if self.channels is None else self.channels.within(most).from_each_other()
         return self._replace(shift=self.shift.clamp(-most, most), channels=channels)
 
     def as_sure_as(self, other: "Found") -> "Found":

@@ -318,7 +318,7 @@ class End(NamedTuple):
     @property
     def from_each_other(self) -> OfChannels | None:
         """What the residuals say of the channels, of their drifts those from each other."""
-        return None if self.seen is None else from_each_other(self.seen)
+        return None if self.seen is None else self.seen.from_each_other()
 
     @property
     def at_their_marks(self) -> OfChannels | None:
@@ -329,23 +329,6 @@ class End(NamedTuple):
 def _as_the_specimen(fit: Fit) -> Fit:
     """The specimen is the reference's in any case: what it makes expected is what is predicted."""
     return fit._replace(prediction=fit.expected, gap=fit.left)
-
-
-def from_each_other(channels: OfChannels) -> OfChannels:
-    """The same, its drifts those of the records from each other.
-
-    What all records have in common is a drift of the plate, which `reference` knows the size of. Taken for the
-    channels' own it is neither's: each turn finds a little more of it, and the channels never come to rest.
-    """
-    found = {}
-    for side, names in (("response", channels.of_response), ("reference", channels.of_reference)):
-        if "drift" in names:
-            values, at = getattr(channels, side).clone(), names.index("drift")
-            # Of a channel that no fit sees nothing is known, and it is where it was.
-            seen = values[:, at] != 0
-            values[seen, at] -= values[seen, at].mean()
-            found[side] = values
-    return channels._replace(**found)
 
 
 def _place(model: PlateModel, start: Mapping[str, float], values: Mapping[str, float]) -> Float[Tensor, " n"]:
