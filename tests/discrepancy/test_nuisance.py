@@ -200,6 +200,30 @@ def test_places_of_sensors_and_hits_move_readings_by_the_slope(axis):
 
 
 @pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("far", [0.0, 3e-3])
+def test_what_a_support_off_its_mark_changes_is_what_moving_it_does(axis, far):
+    """About its mark, and about where it was found."""
+    std, step = 2e-3, 1e-5
+    told = Imperfections(std, 0.0, 0.0, 0.0)
+    sides = torch.tensor(SIDES, dtype=torch.float64)
+    there = torch.zeros(4, 2, dtype=torch.float64)
+    there[2] = far / sides
+    model = plate().with_places_off(torch.zeros(2, 2).to(NOBODY), torch.zeros(3, 2).to(NOBODY), there)
+    columns = as_complex(nuisances(model, NOBODY, LINES, told, UNIFORM, torch.zeros_like(LINES)))
+    assert len(columns.support) == 4
+    assert columns.of_support == (std / SIDES[0], std / SIDES[1])
+    moved = torch.zeros(4, 2, dtype=torch.float64)
+    moved[2, axis] = step / SIDES[axis]
+    nowhere = model.off_marks
+    above, below = (
+        plate().with_places_off(nowhere.response, nowhere.reference, there + sign * moved).frf(NOBODY, LINES)
+        for sign in (1, -1)
+    )
+    wanted = std * (above - below) / (2 * step)
+    assert off(columns.common[..., columns.support[2][axis]], wanted) < 2 * DIFFERENCED
+
+
+@pytest.mark.parametrize("axis", [0, 1])
 def test_what_a_sensor_weighs_moves_with_it(axis):
     """A mass at the second response's mark: all FRFs feel where it sits, and its own ones where it reads, too."""
     bare = plate()

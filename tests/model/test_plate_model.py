@@ -155,6 +155,34 @@ def test_sensors_and_hits_off_their_marks_read_what_is_there(plates, relative_er
     assert relative_error(wanted, model.frf(theta, frequency)) > 1e-3
 
 
+def test_supports_off_their_marks_hold_what_is_there(plates, relative_error) -> None:
+    """With what another effect changes of them at their marks; one that is not said to be off is on its mark."""
+    mesh = Mesh(0.7, 0.4, 5, 3)
+    known = {
+        "plate.youngs_modulus": 7e10, "plate.poisson_ratio": 0.33, "plate.density": 2700.0, "plate.thickness": 0.003,
+        "wires.stiffness": 2e3, "wires.viscous_damping": 3.0, "further.stiffness": 5e3, "further.viscous_damping": 1.0,
+        "loss.stiffness_loss_factor": 0.01, "tight.factor_1": 1.4,
+    }  # fmt: skip
+
+    def hung(*at, tight) -> PlateModel:
+        effects = {
+            "plate": CATALOGUE["plate"](), "wires": CATALOGUE["support_spring"](at=at[:2]),
+            "loss": CATALOGUE["hysteretic_damping"](), "further": CATALOGUE["support_spring"](at=at[2:]),
+            "tight": CATALOGUE["support_asymmetry"](at=[tight]),
+        }  # fmt: skip
+        return PlateModel(mesh, effects, known, {}, [3], [7], "accelerance")
+
+    marks = [(0.1, 0.2), (0.8, 0.1), (0.5, 0.9)]
+    off = torch.tensor([[0.02, -0.01], [-0.03, 0.02]], dtype=torch.float64)
+    moved = [tuple((torch.tensor(mark) + one).tolist()) for mark, one in zip(marks, off, strict=False)]
+    frequency = lines(plates, mesh)
+    nowhere = torch.zeros(1, 2, dtype=torch.float64)
+    found = hung(*marks, tight=marks[1]).with_places_off(nowhere, nowhere, off)
+    wanted = hung(*moved, marks[2], tight=moved[1]).frf(plates.nothing, frequency)
+    assert relative_error(found.frf(plates.nothing, frequency), wanted) < 1e-6
+    assert relative_error(hung(*marks, tight=marks[1]).frf(plates.nothing, frequency), wanted) > 1e-3
+
+
 def test_a_response_may_sit_on_a_node_that_the_mesh_holds(plates) -> None:
     mesh = Mesh(0.7, 0.4, 5, 3, edges={"x0": "clamped"})
     found = plates.build(mesh).frf(plates.nothing, lines(plates, mesh), [1, 3], [7, 10])

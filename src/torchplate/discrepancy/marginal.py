@@ -109,6 +109,8 @@ class Marginal:
             # A response whose mass moves with it has its place among the common ones, all of x before all of y.
             of_own[index, :2] = begin + len(carried) * torch.arange(2)
         self._channel = (of_own, of_other)
+        support = () if nuisances is None else nuisances.support
+        self._support = torch.tensor(support, dtype=torch.int64).reshape(len(support), 2)
         scales = [self.scale.get(name, 1.0) for name in self.names]
         self._half = self._whitener(self._root(torch.tensor(scales, dtype=torch.float64)))
 
@@ -191,6 +193,7 @@ class Marginal:
         if self.about is not None and self.about.channels is not None:
             for index, one in zip(self._channel, self.about.channels[:2], strict=True):
                 value[index] = one.to(value)
+            value[self._support] = self.about.channels.supports(len(self._support)).to(value)
         return value
 
     def channels(self, residual: Float[Tensor, " n_residual"]) -> OfChannels | None:
@@ -255,6 +258,8 @@ class Marginal:
         if self.about is not None and self.about.channels is not None:
             for index in self._channel:
                 found[index] = True
+            if self.about.channels.support is not None:
+                found[self._support] = True
         return found
 
     def _said(self) -> Float[Tensor, " n_nuisance"]:
@@ -295,6 +300,9 @@ class Marginal:
                 own = channels.reference if side else channels.response
                 at[index] = own.to(at)
                 linear[index] |= (own <= low) | (own >= high)
+        if channels is None or channels.support is not None:
+            own = at.new_zeros(len(self._support), 2) if channels is None else channels.supports(len(self._support))
+            at[self._support], linear[self._support] = own.to(at), own.abs() >= farthest
         found = found + self.across(torch.where(linear, at, 0.0))
         known = (torch.where(linear, 0.0, at) / root.clamp(min=1e-12)).square().sum()
         root = torch.where(linear, root, 0.0)
@@ -308,9 +316,11 @@ class Marginal:
             return None
         left = root * inverse.diagonal().clamp(min=0).sqrt()
         own, other = self._channel
+        support = shift[self._support] if len(self._support) else None
         return OfChannels(
-            shift[own], shift[other], left[own], left[other], j.of_response, j.of_reference, j.level, j.drift
-        )
+            shift[own], shift[other], left[own], left[other], j.of_response, j.of_reference, j.level, j.drift, support,
+            j.of_support,
+        )  # fmt: skip
 
     def whitened(self, residual: Float[Tensor, "*batch n_residual"]) -> Float[Tensor, "*batch n_residual"]:
         """(D + J S Jᵀ)^−½ of residuals over √D, with noise as large as was said."""

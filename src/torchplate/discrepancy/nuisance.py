@@ -33,9 +33,9 @@ from torchplate.discrepancy.modal_change import (
 from torchplate.discrepancy.second_order import SecondOrder
 from torchplate.discrepancy.specimen import Found, Specimens, where_read
 from torchplate.discrepancy.wandering import Elements, Wandering, terms
-from torchplate.effects import SensorChain
+from torchplate.effects import SensorChain, SupportSpring
 from torchplate.measurement import Imperfections
-from torchplate.model import PlateModel, as_kind, laplace_lines, solve_modes
+from torchplate.model import PlateModel, as_kind, laplace_lines, solve_modes, support_marks
 from torchplate.plate import Plan
 
 # The group of what nobody knows anything of, whose size is not judged: a level without a unit.
@@ -70,6 +70,8 @@ class Nuisances(NamedTuple):
         drift: of a record's frequencies [-].
         carried: responses whose mass moves with them, which all FRFs feel: where each of their places begins among the
             common ones.
+        support: of each place of a support, which of the common ones it is along each side.
+        of_support: one standard deviation of that, relative to the sides [-].
     """
 
     common: Float[Tensor, "n_frequency n_response n_reference 2 n_common"]
@@ -84,6 +86,8 @@ class Nuisances(NamedTuple):
     level: float = 0.0
     drift: float = 0.0
     carried: Mapping[int, int] = MappingProxyType({})
+    support: tuple[tuple[int, int], ...] = ()
+    of_support: tuple[float, float] = (0.0, 0.0)
 
 
 @torch.no_grad()
@@ -145,17 +149,19 @@ def nuisances(
     moved = 2 * shift[shift > 0] * modal.eigenvalue[off_mesh] * modal.kappa[:, off_mesh]
     common += [("mesh", change) for change in to_reading(of_modes(modal, off_mesh, moved))]
     off = imperfections.std("position_std")
+    sides = float(plan.geometry.length_x.mean()), float(plan.geometry.length_y.mean())
+    of_support = (off / sides[0], off / sides[1])
+    begin = len(common)
     if off > 0:
-        common += [
-            ("position_std", to_reading(change)) for change in _supports(model, plan, modal, chain.laplace, off, theta)
-        ]
+        hung = _supports(model, modal, chain.laplace, of_support, theta)
+        common += [("position_std", to_reading(change)) for change in hung]
+    support = tuple((at, at + 1) for at in range(begin, len(common), 2))
 
     marks = model._points(None, None, None)[:2]
     if reference is not None and marks[1] is not None:
         for less in drive_points(plan, marks[0].to(modal.left), marks[1].to(modal.left), off):
             common.append(("drive_point", to_reading(less.expand(len(frequency), -1, -1).to(reading))))
 
-    sides = float(plan.geometry.length_x.mean()), float(plan.geometry.length_y.mean())
     own: list[tuple[str, Tensor]] = []
     other: list[tuple[str, Tensor]] = []
     # Where places are known well, the mesh decides how well.
@@ -248,6 +254,8 @@ def nuisances(
         level,
         drift,
         carried,
+        support,
+        of_support,
     )
 
 
@@ -445,24 +453,31 @@ def _carried(
     return found
 
 
-def _supports(model: PlateModel, plan: Plan, modal: Modal, laplace: Tensor, off: float, theta: Tensor) -> list[Tensor]:
-    """What it does that springs and dashpots to the ground sit off their marks."""
-    found = []
-    values = model.values(theta)
+def _supports(
+    model: PlateModel, modal: Modal, laplace: Tensor, off: tuple[float, float], theta: Tensor
+) -> list[Tensor]:
+    """What it does that each support sits off its mark, along one side and along the other, relative to these."""
+    values, mesh = model.values(theta), model.mesh
+    place = support_marks(mesh, model.effects).to(modal.left)
+    moved = None if model.off_marks is None else model.off_marks.support
+    if moved is not None:
+        place[: len(moved)] += moved[: len(place)].to(place)
+    strength: list[Tensor] = []
     for label, effect in model.effects.items():
-        if effect.name != "support_spring":
-            continue
-        points = [*effect.nodes, *effect.at]  # type: ignore[attr-defined]
-        place = model.mesh.places(points).to(modal.left)
-        strength = modal.kappa[:, 0] * values[label]["stiffness"] + laplace * values[label]["viscous_damping"]
-        rows = model.assembly.rows(model.mesh.deflection_at(place)) @ modal.shape
-        for side, order in ((plan.geometry.length_x, (1, 0)), (plan.geometry.length_y, (0, 1))):
-            moved = (
-                model.assembly.rows(model.mesh.deflection_at(place, *order)) @ modal.shape * (off / float(side.mean()))
+        if isinstance(effect, SupportSpring):
+            one = modal.kappa[:, 0] * values[label]["stiffness"] + laplace * values[label]["viscous_damping"]
+            strength += [one] * len(effect.points)
+    rows = model.assembly.rows(mesh.deflection_at(place)) @ modal.shape
+    left, right = from_responses(modal, rows), to_references(modal, rows)
+    found: list[tuple[Tensor, ...]] = []
+    for side, order in zip(off, ((1, 0), (0, 1)), strict=True):
+        slope = side * model.assembly.rows(mesh.deflection_at(place, *order)) @ modal.shape
+        left_moved, right_moved = from_responses(modal, slope), to_references(modal, slope)
+        found.append(
+            tuple(
+                -one[:, None, None]
+                * (left[:, :, k, None] * right_moved[:, None, k] + left_moved[:, :, k, None] * right[:, None, k])
+                for k, one in enumerate(strength)
             )
-            left, left_moved = (from_responses(modal, some) for some in (rows, moved))
-            right, right_moved = (to_references(modal, some) for some in (rows, moved))
-            for k in range(len(points)):
-                outer = left[:, :, k, None] * right_moved[:, None, k] + left_moved[:, :, k, None] * right[:, None, k]
-                found.append(-strength[:, None, None] * outer)
-    return found
+        )
+    return [one for pair in zip(*found, strict=True) for one in pair]

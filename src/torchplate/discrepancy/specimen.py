@@ -22,7 +22,7 @@ LEVELS = (0.05, 20.0)
 
 
 class OfChannels(NamedTuple):
-    """What each channel of a test has of its own, as FRFs say, in standard deviations.
+    """What each channel of a test has of its own, and each support, as FRFs say, in standard deviations.
 
     Attributes:
         response: posterior means, for each response in the order of `of_response`.
@@ -33,6 +33,9 @@ class OfChannels(NamedTuple):
         of_reference: likewise.
         level: one standard deviation of a level [-].
         drift: of a record's frequencies [-].
+        support: how far each support is off its mark along both sides; None where they are on their marks, or not far
+            enough off them for being no longer linear.
+        of_support: one standard deviation of that along each side, relative to it [-].
     """
 
     response: Float[Tensor, "n_response k_own"]
@@ -43,6 +46,8 @@ class OfChannels(NamedTuple):
     of_reference: tuple[str, ...]
     level: float = 0.0
     drift: float = 0.0
+    support: Float[Tensor, "n_support 2"] | None = None
+    of_support: tuple[float, float] = (0.0, 0.0)
 
     def like(self, other: "OfChannels") -> bool:
         """Whether the same is known of as many channels."""
@@ -52,7 +57,10 @@ class OfChannels(NamedTuple):
     def within(self, most: float) -> "OfChannels":
         """So many standard deviations at most, and levels of either sign that they have."""
         (low, high), (least, greatest) = self.limits(most)
-        return self._replace(response=self.response.clamp(low, high), reference=self.reference.clamp(least, greatest))
+        support = None if self.support is None else self.support.clamp(-most, most)
+        return self._replace(
+            response=self.response.clamp(low, high), reference=self.reference.clamp(least, greatest), support=support
+        )
 
     def limits(self, most: float) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
         """The lowest and the highest of each column, of responses and of references.
@@ -71,14 +79,17 @@ class OfChannels(NamedTuple):
 
     def towards(self, other: "OfChannels", part: float) -> "OfChannels":
         """A part of the way to others."""
+        support = None if other.support is None else torch.lerp(self.supports(len(other.support)), other.support, part)
         return other._replace(
             response=torch.lerp(self.response, other.response, part),
             reference=torch.lerp(self.reference, other.reference, part),
+            support=support,
         )
 
     def none(self) -> "OfChannels":
         """Channels that are as they are meant."""
-        return self._replace(response=0 * self.response, reference=0 * self.reference)
+        support = None if self.support is None else 0 * self.support
+        return self._replace(response=0 * self.response, reference=0 * self.reference, support=support)
 
     def without_drift(self) -> "OfChannels":
         """The same with all records alike."""
@@ -109,6 +120,13 @@ class OfChannels(NamedTuple):
     def places(self) -> tuple[Tensor | None, Tensor | None]:
         """How far each response and each reference is off its mark; None where that is not among what is known."""
         return self._both("x", self.response, self.reference, 2)
+
+    def supports(self, n: int) -> Float[Tensor, "n 2"]:
+        """How far so many supports are off their marks; those that came in are on them."""
+        found = self.response.new_zeros(n, 2)
+        if self.support is not None:
+            found[: len(self.support)] = self.support[:n]
+        return found
 
     def places_left(self) -> tuple[Tensor | None, Tensor | None]:
         """How far they may be off still."""
@@ -244,7 +262,11 @@ class Specimens:
         if response is None:
             return found
         response, reference = where_read(self.uniform, response, reference)
-        return found.with_places_off(response * self.place, None if reference is None else reference * self.place)
+        reference = None if reference is None else reference * self.place
+        support = None
+        if channels is not None and channels.support is not None:
+            support = channels.support * channels.support.new_tensor(channels.of_support)
+        return found.with_places_off(response * self.place, reference, support)
 
 
 def where_read(model: PlateModel, response: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:

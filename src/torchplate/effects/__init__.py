@@ -34,7 +34,7 @@ from torchplate.effects.sensor_gain import SensorGain
 from torchplate.effects.sensor_position import SensorPosition
 from torchplate.effects.stiffness_loss import StiffnessLoss
 from torchplate.effects.support_asymmetry import SupportAsymmetry
-from torchplate.effects.support_spring import SupportSpring
+from torchplate.effects.support_spring import SupportSpring, SupportTerms
 from torchplate.effects.thickness import Thickness
 from torchplate.effects.thickness_field import ThicknessField
 from torchplate.effects.thickness_taper import ThicknessTaper
@@ -81,6 +81,7 @@ __all__ = [
     "StiffnessLoss",
     "SupportAsymmetry",
     "SupportSpring",
+    "SupportTerms",
     "Thickness",
     "ThicknessField",
     "ThicknessTaper",

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from torchplate.effects.effect import Check, Effect, Value
+from torchplate.effects.effect import Check, Effect, Point, Value
 from torchplate.effects.parameter import Parameter, Prior, nonnegative
 from torchplate.plate import Local, Mesh
 
@@ -59,9 +59,14 @@ class SupportSpring(Effect):
                 "second spring at a node is a further support_spring."
             )
 
+    @property
+    def points(self) -> list[Point]:
+        """Where they are: labels or relative places."""
+        return [*self.nodes, *self.at]
+
     def local(self, mesh: Mesh, value: Value) -> SupportTerms:
         """One term for each supported node."""
-        vector = mesh.deflection_at(mesh.places([*self.nodes, *self.at]).to(value["stiffness"]))
+        vector = mesh.deflection_at(mesh.places(self.points).to(value["stiffness"]))
         stiffness, viscous = (
             value[name][..., None].expand(*value[name].shape, len(vector)) for name in self.parameters
         )

@@ -7,7 +7,7 @@
 - `usual_ranges`: sizes and moduli that no plate has, that few have, and the unit that was meant; `would_fit`: which of
   them would bring the plate to a test, and of what material.
 - `arguments`: theta, lines and places as callers give them, checked.
-- `off_marks`: sensors and hits that are not where the sheet has them, and what moves with a sensor.
+- `off_marks`: sensors, hits and supports that are not where the sheet has them, and what moves with a sensor.
 - `declared_plate`: effects, numbers and channels of a plate as a torch module; `plate_variants`: the same with others,
   in a basis, or with sensors off their marks; `plate_model`: its modes and FRFs.
 """
@@ -19,6 +19,7 @@ from torchplate.model.discretisation.extrapolation import Extrapolated, extrapol
 from torchplate.model.discretisation.fine_mesh import DENSE, SparseModel
 from torchplate.model.discretisation.reduced_basis import reduce, ritz_basis, shares_basis, sharing_modes
 from torchplate.model.discretisation.retaken import retaken
+from torchplate.model.off_marks import support_marks
 from torchplate.model.parameter_space import ParameterSpace
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.plate_variants import SINGLE_TOLERANCE
@@ -79,6 +80,7 @@ __all__ = [
     "sizes",
     "solve_eigenvalues",
     "solve_modes",
+    "support_marks",
     "unusual",
     "whiten",
 ]

@@ -187,6 +187,8 @@ class DeclaredPlate(nn.Module):
         terms: Sequence[Local] = []
         for effect, own in pairs:
             terms = effect.attached(self.mesh, terms, own)
+        if self.off_marks is not None:
+            terms = self.off_marks.supported(self.mesh, self.effects, terms)
         damping = [part for effect, own in pairs if (part := effect.proportional(own)) is not None]
         added = [one for effect, own in pairs if (one := effect.added_mass(self.mesh, geometry, own)) is not None]
         return Plan(section, geometry, list(terms), damping, added)

@@ -138,6 +138,7 @@ class PlateVariants(DeclaredPlate):
         self: Kind,
         response: Float[Tensor, "n_response 2"] | None,
         reference: Float[Tensor, "n_reference 2"] | None = None,
+        support: Float[Tensor, "n_support 2"] | None = None,
     ) -> Kind:
         """The same model, whose own sensors and hits are off their marks; other points that are asked for are not.
 
@@ -146,13 +147,15 @@ class PlateVariants(DeclaredPlate):
         Args:
             response: by how much, relative to the sides [-]; None where all are on their marks.
             reference: likewise; None where the plate is shaken by its edges.
+            support: likewise of the first places of the `support_spring`s; None where all are on their marks.
         """
         twin = self._twin()
         if response is None:
             twin.off_marks = None
         else:
             off = None if reference is None else reference.to(self.known)
-            twin.off_marks = OffMarks(response.to(self.known), off, self.carried())
+            hung = None if support is None else support.to(self.known)
+            twin.off_marks = OffMarks(response.to(self.known), off, self.carried(), hung)
         return twin
 
     def in_single_precision(self: Kind) -> Kind:

@@ -217,4 +217,4 @@ def as_the_specimen(model: PlateModel, specimen: PlateModel) -> PlateModel:
     """A model in a specimen's basis, its dampings, sensors and hits as that one's are."""
     found = on_mesh(model, specimen.assembly).with_damping_factors(specimen.damping_factor)
     off = specimen.off_marks
-    return found if off is None else found.with_places_off(off.response, off.reference)
+    return found if off is None else found.with_places_off(off.response, off.reference, off.support)
