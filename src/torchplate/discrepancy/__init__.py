@@ -9,9 +9,9 @@
 - `objective`: the function of theta that a search minimises.
 - `sensitivity`: what a small change of each parameter does to the prediction: uncertainty, and blind directions.
 - `nuisance`: what every test has and nobody wants named, as changes of the FRFs; `modal_change`: by modes;
-  `second_order`: what such a change leaves out; `drive_point`: where a hit and a sensor are at one place;
-  `wandering`: a plate whose section is not the same everywhere; `specimen`: the plate that was measured, as far as it
-  is known how far it is off.
+  `second_order`: what such a change leaves out; `places`: sensors, hits and supports off their marks; `drive_point`:
+  where a hit and a sensor are at one place; `wandering`: a plate whose section is not the same everywhere; `specimen`:
+  the plate that was measured, as far as it is known how far it is off.
 - `marginal`: the likelihood with all that integrated out; `columns`: products with what is integrated out; `judged`:
   what it says of residuals.
 - `covariance`: from the Jacobian and the noise of every residual to standard errors and correlations.
