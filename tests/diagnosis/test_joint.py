@@ -377,7 +377,7 @@ def test_supports_off_their_marks_are_found_where_they_were(workshop, lab):
     marginal = joint._beside(ended.position, ended.found.shift, channels)
     theta = builder.given.space.to_si(ended.position)
     rest = builder.target.off(builder.predict(specimens.at(ended.found.shift, channels), theta), marginal.about)
-    # χ²/n of some 12,000 numbers scatters by 1.3 %; wires that are linear about their marks leave 400.
+    # χ²/n of some 12,000 numbers scatters by 1.3 %; wires that are linear about their marks leave hundreds.
     assert float(marginal.whitened(marginal.residual(rest)).square().mean()) < 1.05
 
 

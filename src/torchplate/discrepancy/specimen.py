@@ -33,8 +33,7 @@ class OfChannels(NamedTuple):
         of_reference: likewise.
         level: one standard deviation of a level [-].
         drift: of a record's frequencies [-].
-        support: how far each support is off its mark along both sides; None where they are on their marks, or not far
-            enough off them for being no longer linear.
+        support: how far each support is off its mark along both sides; None where that is not among what is known.
         of_support: one standard deviation of that along each side, relative to it [-].
     """
 
