@@ -44,6 +44,22 @@ class Ended(NamedTuple):
     cost: float
 
 
+class Lower(NamedTuple):
+    """Where a part of the way led down.
+
+    Attributes:
+        place: that it led to.
+        channels: what each has of its own, there.
+        fallen: by how much −2 ln of the posterior probability fell.
+        misfit: what it was before.
+    """
+
+    place: Place
+    channels: OfChannels | None
+    fallen: float
+    misfit: float
+
+
 class Joint:
     """A hypothesis in one basis, its specimen unknown.
 
@@ -176,7 +192,11 @@ class Joint:
                 value = min(value, half)
                 break
             value = min(value, half)
+            least = max(settings.little, 2 * settings.tolerance * value / noise)
             there = self._lower(here, (end[0], end[1]), channels, louder)
+            if there is None or there.fallen < least:
+                together = self._lower_together(here, (end[0], end[1]), channels, louder)
+                there = together if there is None or (together and together.fallen > there.fallen) else there
             if there is None:
                 if n_iteration == 1 and not held:
                     break
@@ -196,7 +216,6 @@ class Joint:
             # Far off, where all that is left is taken for noise, ways lead round and round.
             fell = costs[-1 - settings.patience] - best[0] if len(costs) > settings.patience else math.inf
             lost = noise > settings.lost and fell < settings.far * (noise - 1) * marginal.n
-            least = max(settings.little, 2 * settings.tolerance * value / noise)
             if behind or lost or (not held and fallen < least and damping < settings.damping):
                 break
             if not held:
@@ -221,9 +240,33 @@ class Joint:
         return (marginal if noise == 1 else marginal.with_variance(noise * marginal.variance)), noise
 
     def _lower(
-        self, here: Place, end: Place, channels: OfChannels | None, marginal: Marginal
-    ) -> tuple[Place, OfChannels | None, float, float] | None:
-        """How far a part of the way leads down, with the channels there, by how much and from what; None where nowhere.
+        self, here: Place, end: Place, channels: OfChannels | None, marginal: Marginal, together: bool = False
+    ) -> Lower | None:
+        """How far a part of the way leads down; None where nowhere.
+
+        Args:
+            here: where it begins.
+            end: where least squares ended.
+            channels: what each has of its own, here.
+            marginal: noise and nuisances about here.
+            together: whether what all records drift in common is put in with the rest.
+        """
+        before, seen = self._misfit(here, channels, marginal), self._seen(end, channels, marginal)
+        seen = seen if seen is None or together else seen.from_each_other()
+        begun = channels or (seen and seen.none())
+        for part in self.settings.parts:
+            there = torch.lerp(here[0], end[0], part), torch.lerp(here[1], end[1], part)
+            at = None if seen is None or begun is None else begun.towards(seen, part)
+            fallen = before - self._misfit(there, at, marginal)
+            if fallen > 0:
+                return Lower(there, at, fallen, before)
+        return None
+
+    def _lower_together(self, here: Place, end: Place, channels: OfChannels | None, marginal: Marginal) -> Lower | None:
+        """The same with what all records drift in common, which least squares left to the channels.
+
+        It moves every mode as a modulus does, so that nuisances that are linear about where the part began say little
+        of where it ends: by how much it leads down is that with those there.
 
         Args:
             here: where it begins.
@@ -231,15 +274,13 @@ class Joint:
             channels: what each has of its own, here.
             marginal: noise and nuisances about here.
         """
-        before, seen = self._misfit(here, channels, marginal), self._seen(end, channels, marginal)
-        begun = channels or (seen and seen.none())
-        for part in self.settings.parts:
-            there = torch.lerp(here[0], end[0], part), torch.lerp(here[1], end[1], part)
-            at = None if seen is None or begun is None else begun.towards(seen, part)
-            fallen = before - self._misfit(there, at, marginal)
-            if fallen > 0:
-                return there, at, fallen, before
-        return None
+        there = self._lower(here, end, channels, marginal, together=True)
+        if there is None or there.channels is None:
+            return None
+        residual, prior = self._off(*here, channels, marginal)
+        before = marginal.cost(marginal.residual(residual)) + prior
+        _, after = self._judged(*there.place, there.channels, marginal)
+        return there._replace(fallen=before - after) if after < before else None
 
     def beside(self, position: Float[Tensor, " n"], about: Found) -> Problem:
         """The fit of the parameters alone, the specimen as it was found."""
@@ -285,10 +326,10 @@ class Joint:
         return marginal.misfit(off, about, self.settings.farthest, self.target.noise.resonances is not None) + prior
 
     def _seen(self, place: Place, channels: OfChannels | None, marginal: Marginal) -> OfChannels | None:
-        """What is left at a place says of channels, beside nuisances about another; of drifts those from each other."""
+        """What is left at a place says of channels, beside nuisances about another."""
         off, _ = self._off(*place, channels, marginal)
         seen = marginal.channels(marginal.residual(off))
-        return seen and seen.within(self.settings.farthest).from_each_other()
+        return seen and seen.within(self.settings.farthest)
 
     def _beside(self, position: Tensor, shift: Tensor, channels: OfChannels | None) -> Marginal:
         """Noise and the nuisances that are left."""
