@@ -19,6 +19,7 @@ import torch
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
+from torchplate.measurement.assessment.outliers import without_outliers
 from torchplate.measurement.assessment.quality import line_noise, reciprocity
 from torchplate.measurement.assessment.rational_fit import N_LOCAL, RationalFit
 from torchplate.measurement.assessment.resonances import Resonances
@@ -36,8 +37,6 @@ DISAGREEMENT: Final = 2.0
 MOSTLY: Final = 0.5
 # Times the others' that the noise of a sound channel is at most: sensors of one test are read in one range or the next.
 APART: Final = 10.0
-# Lines that the fraction of an outlier stands out at: its own, or those on either side of it.
-N_ALONE: Final = 2
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,8 @@ def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise
         variance[:, alive], steep[:, alive] = scatter.variance, scatter.slope
         sentences.append(scatter.sentence)
         if scatter.fractions is not None:
-            resonances = _of_all(measurement, scatter.fractions, alive)
+            sound, whole = (_of_all(measurement, one, alive) for one in scatter.fractions)
+            resonances = replace(sound, whole=whole)
         if measurement.coherence is not None:
             coherence = measurement.coherence[:, kept][:, alive].to(variance)
             second = _from_coherence(scatter, coherence, n_average)
@@ -131,6 +131,15 @@ def _drowned(variance: Float[Tensor, "n_line n_frf"], frf: Complex[Tensor, "n_li
     return mostly & (power > APART**2 * power[sound].median())
 
 
+class _Fractions(NamedTuple):
+    """Poles, their residues, coefficients of the smooth part, and whether a pole is wide enough to be a resonance."""
+
+    pole: Complex[Tensor, " n_pole"]
+    residue: Complex[Tensor, "n_pole n_frf"]
+    smooth: Complex[Tensor, "n_smooth n_frf"]
+    has_width: Bool[Tensor, " n_pole"]
+
+
 class _Scatter(NamedTuple):
     """The noise as the lines show it.
 
@@ -141,8 +150,7 @@ class _Scatter(NamedTuple):
         sentence: where the numbers come from.
         times: how many times a variance's expectation the scatter is.
         cost: −2 ln of the likelihood of a variance.
-        fractions: poles, residues, coefficients of the smooth part, and whether a pole is a resonance; None where none
-            were sought.
+        fractions: of the resonances, and with what stands out at a line or two alone; None where none were sought.
     """
 
     variance: Float[Tensor, "n_line n_frf"]
@@ -151,7 +159,7 @@ class _Scatter(NamedTuple):
     sentence: str
     times: Callable[[Tensor], Tensor]
     cost: Callable[[Tensor], Tensor]
-    fractions: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
+    fractions: tuple[_Fractions, _Fractions] | None = None
 
 
 def _from_smoothness(
@@ -182,13 +190,13 @@ def _from_smoothness(
         f"{f', flat in {motion},' if motion else ''} and "
         f"{percent(math.sqrt(float(signal.mean())))} of |H| itself"
     )
-    pole, residue, polynomial = fit.fractions
-    seen = fit.has_width & _resonates(line, pole, residue * scale, variance)
-    n_alone = len(pole) - int(seen.sum())
+    sound = without_outliers(fit, variance / scale.square())
+    n_seen = int(sound.has_width.sum())
+    n_alone = len(fit.pole) - n_seen
     alone = "" if not n_alone else f", {n_alone} lines that stand out alone"
     own = "" if not fit.n_own else f"; {fit.n_own} of {frf.shape[1]} FRFs have a noise of their own"
     said = (
-        f"The noise is what {int(seen.sum())} resonances common to all FRFs{alone} and a smooth rest leave of "
+        f"The noise is what {n_seen} resonances common to all FRFs{alone} and a smooth rest leave of "
         f"{len(frf)} lines: {kinds}{own}."
     )
     return _Scatter(
@@ -198,7 +206,7 @@ def _from_smoothness(
         said,
         lambda other: fit.times(2 * other / scale.square()),
         lambda other: fit.cost(2 * other / scale.square()),
-        (pole, residue * scale, polynomial * scale, seen),
+        (_fractions(sound, scale), _fractions(fit, scale)),
     )
 
 
@@ -216,24 +224,6 @@ class _Second(NamedTuple):
     distorted: Bool[Tensor, " n_frf"]
 
 
-def _resonates(
-    line: Float[Tensor, " n_line"],
-    pole: Complex[Tensor, " n_pole"],
-    residue: Complex[Tensor, "n_pole n_frf"],
-    variance: Float[Tensor, "n_line n_frf"],
-) -> Bool[Tensor, " n_pole"]:
-    """Whether a fraction is a resonance: one of a line or two alone is an outlier, and moves with no drift.
-
-    Beside these two lines a resonance leaves more than noise gives free residues: one in each FRF, over its variance.
-    """
-    found = []
-    for one, own in zip(pole, residue, strict=True):
-        square = (own / (one - line.square()[:, None])).abs().square() / (2 * variance.clamp(min=1e-300))
-        each = square.sum(1)
-        found.append(each.sum() - each.topk(min(N_ALONE, len(each))).values.sum() > residue.shape[1])
-    return torch.stack(found) if found else pole.imag > 0
-
-
 def _floors(kind: str, line: Float[Tensor, " n_line"]) -> dict[str, Float[Tensor, " n_line"]]:
     """Course over the lines, of mean 1, of a sensor's floor of power that is flat in another motion than the FRF's."""
     if kind not in ORDER:
@@ -244,20 +234,23 @@ def _floors(kind: str, line: Float[Tensor, " n_line"]) -> dict[str, Float[Tensor
     return {motion: course / course.mean() for motion, course in courses.items()}
 
 
-def _of_all(
-    measurement: Measurement, fractions: tuple[Tensor, Tensor, Tensor, Tensor], alive: Bool[Tensor, " n_measured"]
-) -> Resonances:
+def _fractions(fit: RationalFit, scale: Float[Tensor, " n_frf"]) -> _Fractions:
+    """Those of FRFs that were divided by a scale."""
+    pole, residue, polynomial = fit.fractions
+    return _Fractions(pole, residue * scale, polynomial * scale, fit.has_width)
+
+
+def _of_all(measurement: Measurement, fractions: _Fractions, alive: Bool[Tensor, " n_measured"]) -> Resonances:
     """The partial fractions of those FRFs that say something, in their places; zero elsewhere."""
-    pole, *parts, resonates = fractions
     kept = measurement.measured.clone()
     kept[measurement.measured] = alive
     wholes = []
-    for part in parts:
+    for part in (fractions.residue, fractions.smooth):
         whole = part.new_zeros(len(part), *kept.shape)
         whole[:, kept] = part
         wholes.append(whole)
     line = measurement.frequency
-    return Resonances(pole, wholes[0], wholes[1], (float(line[0]), float(line[-1])), resonates)
+    return Resonances(fractions.pole, wholes[0], wholes[1], (float(line[0]), float(line[-1])), fractions.has_width)
 
 
 def _from_coherence(scatter: _Scatter, coherence: Float[Tensor, "n_line n_frf"], n_average: int | None) -> _Second:

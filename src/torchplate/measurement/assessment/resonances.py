@@ -18,7 +18,8 @@ class Resonances:
         residue: R [unit of the FRFs times Hz²].
         smooth: c, of Chebyshev polynomials of order 0 and on [unit of the FRFs].
         band: the first and the last line [Hz].
-        resonates: whether a fraction is a resonance, which a drift moves; else a line or two that stand out alone.
+        resonates: whether a fraction is a resonance, which a drift moves; else it is narrower than lines can tell.
+        whole: with what stands out at a line or two alone; None where that is nothing.
     """
 
     pole: Complex[Tensor, " n_pole"]
@@ -26,6 +27,7 @@ class Resonances:
     smooth: Complex[Tensor, "n_smooth n_response n_reference"]
     band: tuple[float, float]
     resonates: Bool[Tensor, " n_pole"]
+    whole: "Resonances | None" = None
 
     def at(
         self, frequency: Float[Tensor, " n_frequency"], decay: Float[Tensor, " n_frequency"]
@@ -36,6 +38,8 @@ class Resonances:
             frequency: ω / 2π, in the band [Hz].
             decay: σ ≥ 0 [1/s].
         """
+        if self.whole is not None:
+            return self.whole.at(frequency, decay)
         rows = torch.cat([self.residue, self.smooth]).flatten(1)
         found = self._columns(torch.complex(frequency, -decay / (2 * torch.pi)), self.pole) @ rows
         return found.unflatten(1, self.residue.shape[1:])
