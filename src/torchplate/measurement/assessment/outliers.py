@@ -1,9 +1,9 @@
 """A rational fit without the poles that stand for a line or two alone.
 
 A line of heavy noise is worth a pole to the fit, so that it does not bend the others. It is no resonance: it moves with
-no drift of a record, and no line need be looked at for it. Such poles are found by what other lines show of them, those
-that show least first: of two at one place each says what the other does. The residues of the rest are fitted again
-without the lines at which these stand out.
+no drift of a record, and no line need be looked at for it. Such poles are less round than resonances, and other lines
+show no more of them than of noise; those that show least go first, for of two at one place each says what the other
+does. The residues of the rest are fitted again, the lines of those that went weighing the less the more is left there.
 
 Sources: Cook, Detection of influential observation in linear regression, Technometrics 19 (1977) 15, for a fit without
 some of its lines; backward elimination as in Draper and Smith, Applied Regression Analysis (1998), chapter 15.
@@ -14,7 +14,7 @@ import math
 from typing import Final
 
 import torch
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from torchplate.measurement.assessment.rational_fit import EXCESS, N_ROUND, RationalFit
@@ -25,6 +25,8 @@ N_ALONE: Final = 2
 NEAR: Final = 3.0
 # Chance that an outlier passes for a resonance anywhere in a test.
 CHANCE: Final = 0.05
+# Part of the middle one of the resonances' loss factors from which on a pole may be one [-]: few modes are damped less.
+ROUND: Final = 0.5
 # Fits in which lines that stand out come to weigh less.
 N_WEIGHED: Final = 3
 
@@ -36,36 +38,54 @@ def without_outliers(fit: RationalFit, variance: Float[Tensor, "n_line n_frf"]) 
         fit: with all poles that the lines show.
         variance: of the real and of the imaginary part of the FRFs of the fit.
     """
-    found, usual = copy.copy(fit), fit.weight
+    found, usual, place = copy.copy(fit), fit.weight, fit.pole.real.clamp(min=0.0).sqrt()
     n_line, n_frf = variance.shape
-    # A pole that is wider stands out at more lines.
-    narrow = fit.pole.imag < 2 * fit.pole.real.clamp(min=0.0).sqrt() * fit.step
-    kept, sure = torch.ones_like(narrow), ~narrow
+    kept = torch.ones_like(place, dtype=torch.bool)
     highest = _highest(fit.pole, fit.frequency)
     left = _fitted(found, fit.pole, kept, usual, highest, variance)
+    sure = _rounded(fit, beyond(found, variance) > _by_chance(n_line, n_frf))
     # Where lines stand out, as where one is worth a pole: upper tail of the mean of n exponentials.
     bound = math.log(n_line / CHANCE) / n_frf
     high = 1 + math.sqrt(2 * bound) + bound + EXCESS
+    near = (place[:, None] - place).abs() <= NEAR * fit.step
+    about = (place[:, None] - fit.frequency).abs() <= NEAR * fit.step
     for _ in range(N_ROUND):
-        shown = torch.full_like(fit.pole.real, math.inf)
+        shown = torch.full_like(place, math.inf)
         shown[kept] = beyond(found, variance)
-        # χ² of 2 n_frf degrees of freedom, wherever it stands.
-        chance = torch.special.gammaincc(torch.full_like(shown, float(n_frf)), shown)
-        fails = (chance > CHANCE / n_line) & kept & ~sure
+        fails = (shown <= _by_chance(n_line, n_frf)) & ~sure
         if not bool(fails.any()):
             break
-        place = fit.pole.real.clamp(min=0.0).sqrt()
-        near = (place[:, None] - place).abs() <= NEAR * fit.step
         drop = fails & (shown <= torch.where(near & fails, shown, math.inf).amin(1))
         after = _fitted(found, fit.pole, kept & ~drop, usual, highest, variance)
         stands = (after > high) & (left <= high)
         stands[highest[~kept | drop].flatten()] = False
         # One without which others of the lines about it stand out is none.
-        about = (place[:, None] - fit.frequency).abs() <= NEAR * fit.step
         sure = sure | (drop & (about & stands).any(1))
         kept = kept & ~(drop & ~sure)
         left = _fitted(found, fit.pole, kept, usual, highest, variance)
     return found
+
+
+def _by_chance(n_line: int, n_frf: int) -> float:
+    """What other lines show of an outlier at most, wherever it stands: χ² of 2 n_frf degrees of freedom, halved."""
+    from scipy.special import gammainccinv  # here: half of what importing this package takes
+
+    return float(gammainccinv(n_frf, CHANCE / n_line))
+
+
+def _rounded(fit: RationalFit, shown: Bool[Tensor, " n_pole"]) -> Bool[Tensor, " n_pole"]:
+    """Poles that are as round as resonances, or that more lines show than one or two.
+
+    Records that drift from each other have a resonance each: one alone hardly shows beside the others.
+
+    Args:
+        fit: with all poles.
+        shown: those that other lines show.
+    """
+    place, loss = fit.pole.real.clamp(min=0.0).sqrt(), fit.pole.imag / fit.pole.real.clamp(min=1e-300)
+    inside = (place >= fit.frequency[0]) & (place <= fit.frequency[-1]) & shown
+    usual = float(loss[inside].median()) if bool(inside.any()) else math.inf
+    return (loss >= ROUND * usual) | (fit.pole.imag >= 2 * place * fit.step)
 
 
 def _highest(pole: Complex[Tensor, " n_pole"], line: Float[Tensor, " n_line"]) -> Int[Tensor, "n_pole n_alone"]:
