@@ -154,12 +154,12 @@ def test_what_cannot_get_near_is_left_soon(workshop, monkeypatch):
     marginal, _ = joint._judged(position, workshop.shift, None)
     costs: list[float] = []
 
-    def judged(*_):
+    def cost(*_):
         costs.append(-10.0 * len(costs))
-        return marginal, costs[-1]
+        return costs[-1]
 
-    monkeypatch.setattr(Joint, "_judged", judged)
-    monkeypatch.setattr(Joint, "_lower", lambda _, here, *__: Lower(here, None, 10.0, 1e3))
+    monkeypatch.setattr(Joint, "_cost", cost)
+    monkeypatch.setattr(Joint, "_lower", lambda _, here, *__: Lower(here, None, marginal, 10.0, 1e3))
     monkeypatch.setattr(Joint, "descend", lambda _, where, shift, *__: (where, shift, 1.0))
     for beat, hopeless, n in (
         # Ten for each part, of which one is judged before the first.
@@ -188,13 +188,15 @@ def test_a_way_that_leads_round_is_left_and_ends_where_it_was_best(workshop, mon
     costs = [1e6, 9e5, 5e5, *(6e5 + 1e3 * k for k in range(20))]
     turn: list[float] = []
 
-    def judged(*_):
+    def cost(*_):
         turn.append(costs[len(turn)])
-        return marginal, turn[-1]
+        return turn[-1]
 
-    monkeypatch.setattr(Joint, "_judged", judged)
+    monkeypatch.setattr(Joint, "_cost", cost)
     monkeypatch.setattr(Joint, "_louder", lambda *_: (marginal, left))
-    monkeypatch.setattr(Joint, "_lower", lambda *_: Lower((places[len(turn)], workshop.shift), None, 10.0, 1e3))
+    monkeypatch.setattr(
+        Joint, "_lower", lambda *_: Lower((places[len(turn)], workshop.shift), None, marginal, 10.0, 1e3)
+    )
     monkeypatch.setattr(Joint, "descend", lambda _, where, shift, *__: (where, shift, 1.0))
     ended = Joint(builder, builder.given, workshop.specimens, {}).descend_sharply(start, workshop.shift)
     # The third is the best, and three more are given to it.
@@ -443,6 +445,9 @@ def test_records_that_drift_and_channels_of_another_level_are_read_as_one_test(w
     costs = [one.cost for one in ends]
     assert max(costs) - min(costs) < 2 * against.target.settings.fitting.little
     ended = ends[0]
+    # Nor does it go on from there.
+    again = joint.descend_sharply(ended.position, ended.found.shift, ended.found.channels)
+    assert abs(again.cost - ended.cost) < 2 * against.target.settings.fitting.little
     channels = ended.found.channels
     assert channels.of_reference == ("x", "y", "level", "drift")
     found = channels.drift_of_pairs() / std

@@ -8,6 +8,7 @@ nuisances that are left. What each channel has of its own, its place, level and 
 wherever they are looked at again.
 """
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -50,12 +51,14 @@ class Lower(NamedTuple):
     Attributes:
         place: that it led to.
         channels: what each has of its own, there.
+        marginal: noise and nuisances about there.
         fallen: by how much −2 ln of the posterior probability fell.
         misfit: what it was before.
     """
 
     place: Place
     channels: OfChannels | None
+    marginal: Marginal
     fallen: float
     misfit: float
 
@@ -194,9 +197,6 @@ class Joint:
             value = min(value, half)
             least = max(settings.little, 2 * settings.tolerance * value / noise)
             there = self._lower(here, (end[0], end[1]), channels, louder)
-            if there is None or there.fallen < least:
-                together = self._lower_together(here, (end[0], end[1]), channels, louder)
-                there = together if there is None or (together and together.fallen > there.fallen) else there
             if there is None:
                 if n_iteration == 1 and not held:
                     break
@@ -205,9 +205,10 @@ class Joint:
                     (louder, noise), held = self._louder(here, channels, marginal), False
                 n_iteration = settings.n_together if n_iteration == 1 else 1
                 continue
-            here, channels, fallen, misfit = there
+            here, channels, about, fallen, misfit = there
             held = fallen > settings.far * misfit
-            marginal, after = self._judged(*here, channels, marginal if held else None)
+            marginal = about.with_variance(marginal.variance) if held else about
+            after = self._cost(*here, channels, marginal)
             louder, noise = self._louder(here, channels, marginal)
             behind, cost = after - left * max(0.0, cost - after) > self.beat, after
             if cost < best[0]:
@@ -239,48 +240,44 @@ class Joint:
         noise = max(1.0, self._misfit(here, channels, marginal) / max(1.0, marginal.n))
         return (marginal if noise == 1 else marginal.with_variance(noise * marginal.variance)), noise
 
-    def _lower(
-        self, here: Place, end: Place, channels: OfChannels | None, marginal: Marginal, together: bool = False
-    ) -> Lower | None:
+    def _lower(self, here: Place, end: Place, channels: OfChannels | None, marginal: Marginal) -> Lower | None:
         """How far a part of the way leads down; None where nowhere.
 
+        Least squares of a part goes no farther than what is linear beside it, and beyond its end the way may go on as
+        it was: where nuisances about its beginning say so it is tried twice as far, and again. That it leads down is
+        said by those about its end: what is linear about the beginning counts there what it promised.
+
         Args:
             here: where it begins.
             end: where least squares ended.
             channels: what each has of its own, here.
             marginal: noise and nuisances about here.
-            together: whether what all records drift in common is put in with the rest.
         """
         before, seen = self._misfit(here, channels, marginal), self._seen(end, channels, marginal)
-        seen = seen if seen is None or together else seen.from_each_other()
-        begun = channels or (seen and seen.none())
-        for part in self.settings.parts:
-            there = torch.lerp(here[0], end[0], part), torch.lerp(here[1], end[1], part)
-            at = None if seen is None or begun is None else begun.towards(seen, part)
-            fallen = before - self._misfit(there, at, marginal)
+        begun, far = channels or (seen and seen.none()), self.settings.farthest
+
+        def at(part: float) -> tuple[Place, OfChannels | None, float]:
+            position, shift = (torch.lerp(one, other, part) for one, other in zip(here, end, strict=True))
+            there = position.clamp(0.0, 1.0), shift.clamp(-far, far)
+            found = None if seen is None or begun is None else begun.towards(seen, part).within(far)
+            return there, found, self._misfit(there, found, marginal)
+
+        whole, *less = self.settings.parts
+        ahead = [at(whole)]
+        while ahead[0][-1] < before and 2 * whole <= self.settings.longest:
+            whole *= 2
+            farther = at(whole)
+            if farther[-1] >= ahead[0][-1]:
+                break
+            ahead.insert(0, farther)
+        for there, found, misfit in itertools.chain(ahead, map(at, less)):
+            if misfit >= before:
+                continue
+            about = self._beside(*there, found)
+            fallen = before - self._misfit(there, found, about.with_variance(marginal.variance))
             if fallen > 0:
-                return Lower(there, at, fallen, before)
+                return Lower(there, found, about, fallen, before)
         return None
-
-    def _lower_together(self, here: Place, end: Place, channels: OfChannels | None, marginal: Marginal) -> Lower | None:
-        """The same with what all records drift in common, which least squares left to the channels.
-
-        It moves every mode as a modulus does, so that nuisances that are linear about where the part began say little
-        of where it ends: by how much it leads down is that with those there.
-
-        Args:
-            here: where it begins.
-            end: where least squares ended.
-            channels: what each has of its own, here.
-            marginal: noise and nuisances about here.
-        """
-        there = self._lower(here, end, channels, marginal, together=True)
-        if there is None or there.channels is None:
-            return None
-        residual, prior = self._off(*here, channels, marginal)
-        before = marginal.cost(marginal.residual(residual)) + prior
-        _, after = self._judged(*there.place, there.channels, marginal)
-        return there._replace(fallen=before - after) if after < before else None
 
     def beside(self, position: Float[Tensor, " n"], about: Found) -> Problem:
         """The fit of the parameters alone, the specimen as it was found."""
@@ -294,21 +291,21 @@ class Joint:
         found[:n] = shift[:n].clamp(-far, far)
         return found
 
-    def _judged(
-        self, position: Tensor, shift: Tensor, channels: OfChannels | None, before: Marginal | None = None
-    ) -> tuple[Marginal, float]:
+    def _judged(self, position: Tensor, shift: Tensor, channels: OfChannels | None) -> tuple[Marginal, float]:
         """Noise and nuisances about a place, and −2 ln of its posterior probability.
 
         Args:
             position: of the parameters, on the unit cube.
             shift: of the specimen.
             channels: what each has of its own.
-            before: whose variance is kept; None where it is what it is there.
         """
         marginal = self._beside(position, shift, channels)
-        marginal = marginal if before is None else marginal.with_variance(before.variance)
+        return marginal, self._cost(position, shift, channels, marginal)
+
+    def _cost(self, position: Tensor, shift: Tensor, channels: OfChannels | None, marginal: Marginal) -> float:
+        """−2 ln of the posterior probability of a place, beside noise and nuisances about it."""
         residual, prior = self._off(position, shift, channels, marginal)
-        return marginal, marginal.cost(marginal.residual(residual)) + prior
+        return marginal.cost(marginal.residual(residual)) + prior
 
     def _off(
         self, position: Tensor, shift: Tensor, channels: OfChannels | None, marginal: Marginal

@@ -117,6 +117,7 @@ class Fitting:
         n_way: parts of the way of parameters and specimen together, at most [-]: linear nuisances anew at each.
         hoped: parts that may each lead as far as the last did [-]: falls shrink on the way to a minimum.
         parts: of each that are tried, one after another, until one leads down [-].
+        longest: parts that a way which goes on as it began is taken at once [-]: twice as far, four times.
         far: part of the misfit by which it has to fall for the variance to stay as it is [-].
         lost: times the variance of the noise that is left from which on ways may lead round and round [-]: more is
             left than is noise.
@@ -145,6 +146,7 @@ class Fitting:
     n_way: int = 12
     hoped: int = 4
     parts: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1, 0.03)
+    longest: float = 16.0
     far: float = 0.1
     lost: float = 2.0
     patience: int = 3
