@@ -43,8 +43,8 @@ diagnose: $(VENV)/.run
 test check: export OMP_NUM_THREADS = 1
 # Compiled files are kept: each process would compile six hundred of them anew, and the tests start many.
 test check: export PYTHONDONTWRITEBYTECODE =
-# Of every function its first hundred in each test, not only the first: see tests/conftest.py.
-check: export CHECKED_CALLS = 100
+# Of every function its first twenty in each test, not only the first: see tests/conftest.py.
+check: export CHECKED_CALLS = 20
 PARALLEL = -n auto --dist loadfile
 
 test: $(VENV)/.check
