@@ -146,7 +146,7 @@ def test_what_the_others_make_needless_is_taken_out(lab, monkeypatch):
 
 def loud(fit, gap):
     """The same fit, as if it left five times the noise and such a gap."""
-    return fit._replace(gap=gap, judged=fit.judged._replace(noise_scale=5.0))
+    return fit._replace(gap=gap, left=gap, judged=fit.judged._replace(noise_scale=5.0))
 
 
 @torch.no_grad()
@@ -155,12 +155,12 @@ def test_a_name_that_takes_nothing_off_the_gap_is_none_where_more_than_noise_is_
     """Its confidence would be 0.00: it was less beforehand that no effect describes what is missing."""
     two = Two(lab, "sensor_gain")
     first, last = two.state.named
-    worse = last.before._replace(gap=0.3)
+    worse = last.before._replace(gap=0.3, left=0.3)
     doubted = replace(two.state, named=(first, replace(last, before=worse)))
     # Where the model explains the measurement, the gap says nothing against it.
     assert two.exchange.without_improbable(doubted, two.builder) is doubted
     unexplained = replace(doubted, fit=loud(doubted.fit, 0.303))
-    first = replace(first, before=first.before._replace(gap=0.9))
+    first = replace(first, before=first.before._replace(gap=0.9, left=0.9))
     unexplained = replace(unexplained, named=(first, doubted.named[1]))
     kept = two.exchange.without_improbable(unexplained, two.builder)
     assert [one.hypothesis.name for one in kept.named] == ["sensor_gain"]
@@ -168,9 +168,13 @@ def test_a_name_that_takes_nothing_off_the_gap_is_none_where_more_than_noise_is_
     assert torch.isfinite(kept.fit.theta).all()
     assert two.said == ["point_mass takes nothing off the gap in the end: it is no name"]
     # One that takes three per cent of it stays.
-    some = last.before._replace(gap=1.04 * 0.303)
+    some = last.before._replace(gap=1.04 * 0.303, left=1.04 * 0.303)
     same = replace(unexplained, named=(first, replace(last, before=some)))
     assert two.exchange.without_improbable(same, two.builder) is same
+    # So does one that brings the plate as it was found nearer, though a uniform one misses narrow peaks by more.
+    wandering = last.before._replace(gap=0.2, left=0.6)
+    nearer = replace(unexplained, named=(first, replace(last, before=wandering)))
+    assert two.exchange.without_improbable(nearer, two.builder) is nearer
 
 
 @torch.no_grad()
@@ -181,7 +185,7 @@ def test_where_no_name_stays_nothing_was_added(lab, monkeypatch):
     settling = Settling(two.builder, {}, two.exchange.ranking, two.exchange, two.said.append)
     far = replace(two.state, fit=loud(two.state.fit, 0.3))
     monkeypatch.setattr(settling, "ended", lambda state: state)
-    nothing = tuple(replace(one, before=one.before._replace(gap=0.0)) for one in far.named)
+    nothing = tuple(replace(one, before=one.before._replace(gap=0.0, left=0.0)) for one in far.named)
     assert settling.last(replace(far, named=nothing), begun) is begun
 
 

@@ -63,11 +63,14 @@ class Naming:
     def confidence(self, final: Fit, explained: bool) -> float:
         """Posterior probability of the set; of what the last model leaves unexplained it accounts for nothing.
 
+        What is left is that beside the specimen as it was found: a uniform plate's gap says nothing of a name where
+        peaks are narrower than a section wanders.
+
         Args:
             final: the last model's fit.
             explained: whether that leaves nothing but noise and nuisances.
         """
-        share = 1.0 if explained else max(0.0, 1 - final.gap / max(self.before.gap, 1e-300))
+        share = 1.0 if explained else max(0.0, 1 - final.left / max(self.before.left, 1e-300))
         return self.known.confidence * share
 
 
