@@ -226,11 +226,11 @@ class ForwardSelection:
             state = further or single
             if (
                 further is None
-                or not explains_much(state, self.settings)
+                or not explains_much(state, self.builder)
                 or tried_enough(state, self.builder.n_evaluation, self.settings)
             ):
                 break
-        state = worth_their_names(state, self.settings)
+        state = worth_their_names(state, self.builder)
         if (pair := self._two_that_promise(state, rankings, most_effects)) is not None:
             state = self._beside_those_that_stay(pair, rankings)
         return self.settling.last(state, self.begun), rankings
@@ -434,7 +434,7 @@ class ForwardSelection:
         names = " + ".join(one.hypothesis.name for one in state.named)
         self.say(f"{names} leaves {state.fit.reduced_misfit:.3g}: looking for what else is missing")
         needed = self._needed(state, rankings)
-        return state if needed is None else worth_their_names(self._added(state, *needed), self.settings)
+        return state if needed is None else worth_their_names(self._added(state, *needed), self.builder)
 
     def _beside_a_finer_mesh(self, state: State) -> Ranked | None:
         # Settling itself asks the ranking, which is made before it.

@@ -1,6 +1,7 @@
 """Whether what was added is worth going on beside it, and worth its name where more than noise is left of it."""
 
 from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
 from torchplate.diagnosis.selection.trace import State
 from torchplate.diagnosis.settings import Selecting
@@ -31,21 +32,36 @@ def explains_some(before: Fit, hypothesis: Hypothesis, settings: Selecting, by_c
     return smaller or (after.by_noise and after.square <= part * before.square)
 
 
-def explains_much(state: State, settings: Selecting) -> bool:
+def explains_much(state: State, builder: ModelBuilder) -> bool:
     """Whether the last effect explains much, or all that was left; else it may stand in for something else.
 
-    It has to show in the gap; beside an inflated model error, where squares say little, it has to take a part of that.
+    It has to show in the gap. Beside an inflated model error, where squares say little, it has to halve what is left:
+    the gap itself, or the gap where peaks overlap, since a sharp peak that is a width off counts as if it were not
+    there.
+
+    Args:
+        state: with it.
+        builder: what evaluates it.
     """
     if state.previous is None or is_noise(state.fit):
         return True
-    fit, before = state.fit, state.previous.fit
-    if not fit.by_noise:
-        return fit.left <= settings.explains_some * before.left
-    return fit.square <= settings.explains_much * before.square and fit.left <= settings.shows * before.left
+    fit, before, settings = state.fit, state.previous.fit, builder.target.settings.selecting
+    if fit.by_noise:
+        return fit.square <= settings.explains_much * before.square and fit.left <= settings.shows * before.left
+    if fit.left <= settings.halved * before.left:
+        return True
+    overlapping, square = (_where_peaks_overlap(builder, one) for one in (fit, before))
+    return overlapping <= settings.halved**2 * square
 
 
-def worth_their_names(state: State, settings: Selecting) -> State:
+def _where_peaks_overlap(builder: ModelBuilder, fit: Fit) -> float:
+    """Sum of squares at the widest level."""
+    prediction = builder.predict(fit.reduced, fit.theta, 0)
+    return float(builder.target.residual(prediction, 0).square().sum())
+
+
+def worth_their_names(state: State, builder: ModelBuilder) -> State:
     """Without the last effects, where something else is missing still and they only stand in for a little of it."""
-    while state.previous is not None and not explains_much(state, settings):
+    while state.previous is not None and not explains_much(state, builder):
         state = state.previous
     return state

@@ -112,7 +112,8 @@ class Selecting:
         n_best: the best so many are followed where one alone may be wrong [-].
         explains_much: what leaves at most this part of the sum of squares explains much of it [-].
         explains_some: what leaves at most this part of the gap, or of the sum of squares where it has no number to be
-            fitted, explains so much that another effect is looked for beside it, and that it keeps its name beside an
+            fitted, explains so much that another effect is looked for beside it [-].
+        halved: what leaves at most this part of the gap, sharp or where peaks overlap, keeps its name beside an
             inflated error [-]: a convention, for no odds part it from what stands in (docs/real_plates.md).
         shows: what leaves at most this part of the gap shows [-].
         much_less: a pair that leaves at most this part of what its first effect does is judged again at once [-].
@@ -139,6 +140,7 @@ class Selecting:
     n_best: int = 2
     explains_much: float = 0.5
     explains_some: float = 0.75
+    halved: float = 0.5
     shows: float = 0.9
     much_less: float = 0.1
     beside: float = 2.0
