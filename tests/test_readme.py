@@ -79,8 +79,13 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     assert (
         f"of [{every} tables](runs/blind/tables/X/table.md) {n} of {of} detectable effects, and {named} false" in text
     )
-    (n, of), (kept, still), (named, _) = (rate("workshop/Z/table.md", what) for what in (right, silent, false))
-    assert f"{n} of {of} single effects, {kept} of {still} with nothing hidden, and {named} false name" in text
+    workshop = [rate("workshop/Z/table.md", what) for what in (right, silent, "two effects, both right", false)]
+    (n, of), (kept, still), (both, pairs), (named, _) = workshop
+    every, _ = rate("workshop/Z/table.md", "crashes")[::-1]
+    assert (
+        f"of [{every} workshop plates](runs/blind/workshop/Z/table.md) {n} of {of} single effects, {kept} of {still} with "
+        f"nothing hidden, {both} of {pairs} pairs, and {named} false names" in text
+    )
     table = "states/B/table.md"
     (n, of), (named, still) = (rate(table, what) for what in ("named right, of those", "a false name on an unchanged"))
     every, _ = rate(table, "crashes")[::-1]

@@ -6,13 +6,18 @@ with something beyond the catalogue, whose best effect is not there; and some of
 Each column is what a rule could go by that says which of these is named: the odds against none, and what is left, over
 what is left without the effect, of the gap, of the squares over the inflated error, of those where peaks overlap, and
 of bands that no fit saw, as wide as a half, a third and a fifth of the whole.
+
+`--set WORD` takes blind plates of a set that nobody has looked at, with a grain and without, and counts the grains that
+some rules would name, and what else they would.
 """
 
+import argparse
 import dataclasses
 import math
 import sys
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -23,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from blind import beyond, cases
 from blind.effects import Hidden, apply, bare
+from blind.suite import chosen
 from torchplate.cli.config.build import load_run
 from torchplate.cli.config.plate_test import plate_test
 from torchplate.diagnosis import PlateTest
@@ -40,6 +46,15 @@ SPRUCE = ("spruce_1L", "spruce_3R")
 BEYOND = (("J", 33), ("J", 59), ("A", 2), ("A", 73), ("A", 83), ("A", 101))
 WITH_GRAIN = (("J", 33), ("A", 83), ("A", 101))
 N_BAND = (2, 3, 5)
+# Of a set that nobody has looked at, the first so many with something beyond the catalogue.
+N_FRESH = 16
+# What leaves so much of the gap, or of the squares where peaks overlap, is named.
+RULES = {
+    "a quarter of the gap": (0.75, 0.0),
+    "half of the gap": (0.5, 0.0),
+    "half of the gap where peaks overlap": (0.0, 0.25),
+    "half of either": (0.5, 0.25),
+}
 
 
 def of_one_frf(seed_set: str, index: int, hidden: Hidden | None, folder: Path) -> tuple[str, PlateTest]:
@@ -99,28 +114,89 @@ def left_out(selection: ForwardSelection, found: Fit, n_band: int) -> float:
     return square
 
 
+class Best(NamedTuple):
+    """The best effect beside an inflated error.
+
+    Attributes:
+        selection: what found it.
+        before: the fit without it.
+        name: its own; "nothing" where none is worth a refit.
+        after: the fit with it.
+        odds: ln of those against none.
+        gap: what is left of it, over what is left without.
+        overlapping: likewise of the squares where peaks overlap.
+    """
+
+    selection: ForwardSelection
+    before: Fit
+    name: str
+    after: Fit
+    odds: float
+    gap: float
+    overlapping: float
+
+    def is_named(self, gap: float, overlapping: float) -> bool:
+        """Whether a rule names it, that asks for one of these."""
+        return self.odds > 0 and (self.gap <= gap or self.overlapping <= overlapping)
+
+
 @torch.no_grad()
-def row(test: PlateTest) -> list[str]:
-    """The best effect, and what it takes, in the order of the columns."""
+def best_of(test: PlateTest) -> Best:
+    """The best effect of a test of one FRF."""
     selection, state = beside_an_inflated_error(test)
     ranked, before = selection.ranking.at(state), state.fit
     if not ranked.hypotheses:
-        return ["nothing"]
+        return Best(selection, before, "nothing", before, 0.0, 1.0, 1.0)
     best = choose(ranked.hypotheses, before).best
     after, weight = best.fit, weight_of([before, best.fit])
-    odds = 0.5 * (evidence(before, weight) - 2 * math.log(1 - before.comparison.missing) - best.against(weight))
-    parts = [
-        after.left / before.left,
-        after.square / before.square,
-        where_peaks_overlap(selection, after) / where_peaks_overlap(selection, before),
-        *(left_out(selection, after, n) / left_out(selection, before, n) for n in N_BAND),
-    ]
-    return [best.name, f"{odds:.1f}", *(f"{part:.2f}" for part in parts)]
+    none = evidence(before, weight) - 2 * math.log(1 - before.comparison.missing)
+    odds, left = 0.5 * (none - best.against(weight)), after.left / before.left
+    overlapping = where_peaks_overlap(selection, after) / where_peaks_overlap(selection, before)
+    return Best(selection, before, best.name, after, odds, left, overlapping)
+
+
+@torch.no_grad()
+def row(test: PlateTest) -> list[str]:
+    """The best effect, and what it takes, in the order of the columns."""
+    best = best_of(test)
+    if best.name == "nothing":
+        return ["nothing"]
+    parts = [best.gap, best.after.square / best.before.square, best.overlapping]
+    parts += [left_out(best.selection, best.after, n) / left_out(best.selection, best.before, n) for n in N_BAND]
+    return [best.name, f"{best.odds:.1f}", *(f"{part:.2f}" for part in parts)]
+
+
+def fresh(console: Console, seed_set: str) -> None:
+    """Print the best effects of plates that nobody has looked at, and what rules would name."""
+    every: list[tuple[bool, Best]] = []
+    table = Table("case", "beyond the catalogue", "grain", "best effect", "ln odds", "gap", "overlapping")
+    with tempfile.TemporaryDirectory() as folder:
+        for index in chosen("0:", "beyond")[:N_FRESH]:
+            for hidden in (GRAIN, None):
+                what, test = of_one_frf(seed_set, index, hidden, Path(folder))
+                best = best_of(test)
+                every.append((hidden is not None, best))
+                told = (f"{best.odds:.1f}", f"{best.gap:.3f}", f"{best.overlapping:.3f}")
+                table.add_row(f"{seed_set} {index}", what, "yes" if hidden else "no", best.name, *told)
+    console.print(table)
+    counts = Table("named is what takes", "grains named", "of", "false names", "of")
+    for rule, parts in RULES.items():
+        named = [(grain, best.name) for grain, best in every if best.is_named(*parts)]
+        right = sum(grain and name == "orthotropy" for grain, name in named)
+        n_grain = sum(grain for grain, _ in every)
+        counts.add_row(rule, str(right), str(n_grain), str(len(named) - right), str(len(every)))
+    console.print(counts)
 
 
 def main() -> None:
     """Print the table."""
+    parser = argparse.ArgumentParser(prog="python -m tests.studies.beside_an_error", description=__doc__)
+    parser.add_argument("--set", dest="seed_set", help="of blind plates; left out, those of the table in the docs")
+    given = parser.parse_args()
     console = Console(width=150)
+    if given.seed_set:
+        fresh(console, given.seed_set)
+        return
     table = Table("plate", "best effect", "ln odds", "gap", "squares", "overlapping", "halves", "thirds", "fifths")
     for name in SPRUCE:
         table.add_row(name, *row(plate_test(load_run(f"configs/real/{name}.yaml"))))
