@@ -83,8 +83,8 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     (n, of), (kept, still), (both, pairs), (named, _) = workshop
     every, _ = rate("workshop/Z/table.md", "crashes")[::-1]
     assert (
-        f"of [{every} workshop plates](runs/blind/workshop/Z/table.md) {n} of {of} single effects, {kept} of {still} with "
-        f"nothing hidden, {both} of {pairs} pairs, and {named} false names" in text
+        f"of [{every} workshop plates](runs/blind/workshop/Z/table.md) {n} of {of} single effects, {kept} of {still} "
+        f"with nothing hidden, {both} of {pairs} pairs, and {named} false names" in text
     )
     table = "states/B/table.md"
     (n, of), (named, still) = (rate(table, what) for what in ("named right, of those", "a false name on an unchanged"))
