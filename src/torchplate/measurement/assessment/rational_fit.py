@@ -155,9 +155,11 @@ class RationalFit:
     @property
     def has_width(self) -> Bool[Tensor, " n_pole"]:
         """Whether a pole is wider than a pole has to be, or no line's: below or above all of them."""
-        place = self.pole.real.clamp(min=0.0).sqrt().clamp(min=self.step)
-        outside = (place < self.frequency[0] - self.step) | (place > self.frequency[-1] + self.step)
-        return outside | (self.pole.imag > 4 * NARROWEST * place * self.step)
+        place = self.pole.real.clamp(min=0.0).sqrt()
+        # One below 0 Hz² is below every first line, however near that is to 0.
+        below = (self.pole.real < 0) | (place < self.frequency[0] - self.step)
+        outside = below | (place > self.frequency[-1] + self.step)
+        return outside | (self.pole.imag > 4 * NARROWEST * place.clamp(min=self.step) * self.step)
 
     @property
     def slope(self) -> Float[Tensor, "n_line n_frf"]:
