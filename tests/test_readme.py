@@ -68,23 +68,18 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     text = " ".join(README.split())
     right, false = "one effect, named right", "a false name, all but beyond"
     silent = "nothing hidden, called consistent"
-    clean = [rate("M/table.md", what) for what in (right, silent, "two effects, both right", false)]
-    (n, of), (kept, still), (both, pairs), (named, _) = clean
-    every, _ = rate("M/table.md", "crashes")[::-1]
-    assert (
-        f"of [{every} clean cases](runs/blind/M/table.md) {n} of {of} single effects, {kept} of {still} with nothing "
-        f"hidden, {both} of {pairs} pairs, and {named} false names" in text
-    )
+    for table, cases in (("M/table.md", "clean cases"), ("workshop/Z/table.md", "workshop plates")):
+        (n, of), (kept, still), (both, pairs), (named, _) = (
+            rate(table, what) for what in (right, silent, "two effects, both right", false)
+        )
+        every, _ = rate(table, "crashes")[::-1]
+        assert (
+            f"of [{every} {cases}](runs/blind/{table}) {n} of {of} single effects, {kept} of {still} with nothing "
+            f"hidden, {both} of {pairs} pairs, and {named} false names" in text
+        )
     (n, of), (named, every) = rate("tables/X/table.md", right), rate("tables/X/table.md", false)
     assert (
         f"of [{every} tables](runs/blind/tables/X/table.md) {n} of {of} detectable effects, and {named} false" in text
-    )
-    workshop = [rate("workshop/Z/table.md", what) for what in (right, silent, "two effects, both right", false)]
-    (n, of), (kept, still), (both, pairs), (named, _) = workshop
-    every, _ = rate("workshop/Z/table.md", "crashes")[::-1]
-    assert (
-        f"of [{every} workshop plates](runs/blind/workshop/Z/table.md) {n} of {of} single effects, {kept} of {still} "
-        f"with nothing hidden, {both} of {pairs} pairs, and {named} false names" in text
     )
     table = "states/B/table.md"
     (n, of), (named, still) = (rate(table, what) for what in ("named right, of those", "a false name on an unchanged"))

@@ -113,6 +113,37 @@ def test_a_step_that_leads_up_is_not_taken(workshop, monkeypatch):
 
 
 @torch.no_grad()
+@pytest.mark.parametrize(
+    ("at_end", "part"),
+    [
+        # Nuisances about the beginning say that it falls up to four times as far, and so do those about the end.
+        (lambda part: (part - 5) ** 2, 4.0),
+        # Those promised it alone: half of that is there.
+        (lambda part: 20 + (part - 1) ** 2, 2.0),
+        (lambda part: 20 + 6 * part, 0.5),
+        (lambda _: 26.0, None),
+    ],
+)
+def test_a_part_is_as_long_as_it_leads_on_and_counts_what_is_there(workshop, monkeypatch, at_end, part):
+    joint, here = workshop.joint, (workshop.builder.given.space.to_cube(TRUTH), workshop.shift)
+    begun, step = joint._beside(*here, None), 1e-2
+
+    def misfit(_, place, __, marginal) -> float:
+        gone = float((place[0] - here[0])[0]) / step
+        return (gone - 5) ** 2 if marginal is begun else at_end(gone)
+
+    monkeypatch.setattr(Joint, "_misfit", misfit)
+    monkeypatch.setattr(Joint, "_seen", lambda *_: None)
+    monkeypatch.setattr(Joint, "_beside", lambda *_: begun)
+    found = joint._lower(here, (here[0] + step, here[1]), None, begun)
+    if part is None:
+        assert found is None
+        return
+    assert torch.allclose(found.place[0], here[0] + part * step)
+    assert found.fallen == pytest.approx(25 - at_end(part))
+
+
+@torch.no_grad()
 @pytest.mark.check
 def test_along_a_valley_that_priors_alone_make_uneven_the_way_is_not_left_half_way(workshop):
     """A law of a third more loss, each mode as much below it: the FRFs are the same, their scatter is less likely."""

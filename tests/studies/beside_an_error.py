@@ -37,6 +37,7 @@ from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.selection.criterion import choose, evidence, weight_of
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.trace import State
+from torchplate.diagnosis.selection.worth import where_peaks_overlap
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.measurement import Imperfections, noise_level
 
@@ -92,12 +93,6 @@ def beside_an_inflated_error(test: PlateTest) -> tuple[ForwardSelection, State]:
     return selection.inflated(selection.baseline())
 
 
-def where_peaks_overlap(selection: ForwardSelection, found: Fit) -> float:
-    """Sum of squares at the widest level."""
-    prediction = selection.builder.predict(found.reduced, found.theta, 0)
-    return float(selection.builder.target.residual(prediction, 0).square().sum())
-
-
 def left_out(selection: ForwardSelection, found: Fit, n_band: int) -> float:
     """Sum of squares over bands, each as the model has it that was fitted to the others."""
     target, square = selection.builder.target, 0.0
@@ -151,7 +146,7 @@ def best_of(test: PlateTest) -> Best:
     after, weight = best.fit, weight_of([before, best.fit])
     none = evidence(before, weight) - 2 * math.log(1 - before.comparison.missing)
     odds, left = 0.5 * (none - best.against(weight)), after.left / before.left
-    overlapping = where_peaks_overlap(selection, after) / where_peaks_overlap(selection, before)
+    overlapping = where_peaks_overlap(selection.builder, after) / where_peaks_overlap(selection.builder, before)
     return Best(selection, before, best.name, after, odds, left, overlapping)
 
 

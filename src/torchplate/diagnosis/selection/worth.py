@@ -50,11 +50,11 @@ def explains_much(state: State, builder: ModelBuilder) -> bool:
         return fit.square <= settings.explains_much * before.square and fit.left <= settings.shows * before.left
     if fit.left <= settings.halved * before.left:
         return True
-    overlapping, square = (_where_peaks_overlap(builder, one) for one in (fit, before))
+    overlapping, square = (where_peaks_overlap(builder, one) for one in (fit, before))
     return overlapping <= settings.halved**2 * square
 
 
-def _where_peaks_overlap(builder: ModelBuilder, fit: Fit) -> float:
+def where_peaks_overlap(builder: ModelBuilder, fit: Fit) -> float:
     """Sum of squares at the widest level."""
     prediction = builder.predict(fit.reduced, fit.theta, 0)
     return float(builder.target.residual(prediction, 0).square().sum())

@@ -117,7 +117,8 @@ class Fitting:
         n_way: parts of the way of parameters and specimen together, at most [-]: linear nuisances anew at each.
         hoped: parts that may each lead as far as the last did [-]: falls shrink on the way to a minimum.
         parts: of each that are tried, one after another, until one leads down [-].
-        longest: parts that a way which goes on as it began is taken at once [-]: twice as far, four times.
+        longest: parts that a way which goes on as it began is taken at once, doubled up to this [-]: one ends where a
+            drift is no longer linear, about a tenth of its standard deviation, and so many reach beyond one.
         far: part of the misfit by which it has to fall for the variance to stay as it is [-].
         lost: times the variance of the noise that is left from which on ways may lead round and round [-]: more is
             left than is noise.
