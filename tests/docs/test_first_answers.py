@@ -1,0 +1,62 @@
+"""What README and the test engineer's tutorial quote of their diagnoses is what these say today."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from torchplate.cli.main import main
+from torchplate.studies import hidden_effect
+
+ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.check
+
+
+@pytest.fixture
+def beside_the_configs(tmp_path, monkeypatch):
+    """An empty folder with the shipped configs in it."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(ROOT / "configs", tmp_path / "configs")
+    return tmp_path
+
+
+def quoted(page, pattern):
+    """The numbers of one sentence, wherever its lines break."""
+    found = re.search(pattern.replace("#", r"([\d.]+)").replace(" ", r"\s+"), (ROOT / page).read_text())
+    assert found, f"{page} has no longer: {pattern}"
+    return [float(number) for number in found.groups()]
+
+
+def answer(folder):
+    """Place and mass of the magnet, gaps before and after, and what noise alone makes [%]."""
+    found = json.loads((folder / "diagnosis.json").read_text())
+    named = {one["name"]: one["parameters"] for one in found["effects"]}
+    magnet = [named["point_mass"][name]["value"] for name in ("x", "y", "mass")]
+    names = ("baseline", "final", "noise_floor", "heldout_baseline", "heldout_final")
+    return set(named), magnet, [100 * found["gap"][name] for name in names]
+
+
+def test_readme_has_the_first_answer_of_today(beside_the_configs):
+    assert hidden_effect.main() == 0
+    named, (x, y, mass), gaps = answer(beside_the_configs / "runs/hidden_effect/diagnosis")
+    assert named == {"mesh_discretisation", "point_mass"}
+    place = quoted("README.md", r"at \(#, #\), # g, and the mesh of the config as too coarse")
+    assert [x, y, 1e3 * mass] == pytest.approx(place, rel=5e-3)
+    gap = quoted("README.md", "the gap falls from # % to # %, where noise alone makes # %")
+    assert gaps[:3] == pytest.approx(gap, rel=5e-3)
+
+
+def test_the_tutorial_has_the_diagnosis_of_today(beside_the_configs, capsys):
+    page = "docs/tutorials/test_engineer.md"
+    commands = re.findall(r"^torchplate (.*)$", (ROOT / page).read_text(), re.MULTILINE)
+    wanted = [next(one for one in commands if one.startswith(verb)) for verb in ("simulate", "diagnose")]
+    wanted.insert(1, next(one for one in commands if one.startswith("new") and "plate.yaml" in one))
+    for one in wanted:
+        assert main(one.split()) == 0
+    named, (x, y, mass), gaps = answer(beside_the_configs / "runs/diagnosis")
+    assert "point_mass" in named
+    assert [x, y, mass] == pytest.approx(quoted(page, r"point_mass \(x #, y #, mass # kg\)"), rel=5e-3)
+    said = quoted(page, r"gap # % to # % \(held-out FRFs # % to # %\); noise floor # %")
+    assert [gaps[index] for index in (0, 1, 3, 4, 2)] == pytest.approx(said, rel=5e-3)
