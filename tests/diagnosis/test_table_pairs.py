@@ -10,7 +10,7 @@ from torchplate.diagnosis.table import comparison, diagnose_table
 from torchplate.diagnosis.table.comparison import Comparing, Comparison, Weighed
 from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.found import Found
-from torchplate.diagnosis.table.hypotheses import single, tried, visible
+from torchplate.diagnosis.table.hypotheses import Hypothesis, is_simpler, single, tried, visible
 from torchplate.diagnosis.table.plates import MeshKind, Plates
 from torchplate.diagnosis.table.posterior import Entry, Posterior
 from torchplate.diagnosis.table.refit import Problem
@@ -92,6 +92,85 @@ def test_a_pair_begins_where_one_of_it_has_ended(monkeypatch):
     best = min(found.weighed, key=lambda one: one.best.chi_square)
     assert set(best.names) == {"thickness_taper", "edge_spring"}
     assert best.best.chi_square < comparing.plates.evidence.limit(best.best.n_effective, SETTINGS.level)
+
+
+def named(comparing: Comparing, monkeypatch: pytest.MonkeyPatch, *effects: str) -> tuple[Comparison, Entry]:
+    """Some effects and their pairs weighed on one mesh, and the hypothesis to name."""
+    every = comparison.visible
+
+    def some(plates: Plates, theta: torch.Tensor):
+        return [one for one in every(plates, theta) if one.name in effects and one.options in ({}, {"edge": "x0"})]
+
+    monkeypatch.setattr(comparison, "visible", some)
+    found = comparing.with_pairs(comparing.singles(*comparing.baseline()))
+    return found, Posterior.of([found], SETTINGS).best()
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("others", [(), (EDGE,)], ids=["alone", "beside an edge"])
+def test_an_absorber_that_stays_with_the_plate_is_a_mass(monkeypatch, others):
+    """It is refitted where the absorber has ended, and counts; the absorber takes no more than chance beyond it."""
+    comparing = bench("given", 1, 5e-4, ("point_mass", {}, {"x": 0.1, "y": 0.91, "mass": 0.08}), *others)
+    found, best = named(comparing, monkeypatch, "point_mass", "absorber", *(name for name, *_ in others))
+    assert sorted(best.names) == sorted(["point_mass", *(name for name, *_ in others)])
+    alike = [one for one in found.weighed if "absorber" in one.names and len(one.names) == len(best.names)]
+    assert alike
+    assert not [one for one in found.counted(SETTINGS.level) if one in alike and "point_mass" not in one.names]
+
+
+@torch.no_grad()
+def test_a_tuned_absorber_is_no_mass(monkeypatch):
+    """Its resonance lies in the band, below it a mass and above it a spring."""
+    values = {"x": 0.2, "y": 0.8, "mass": 0.2, "stiffness": 2e5, "viscous_damping": 1.0}
+    found, best = named(bench("given", 1, 5e-4, ("absorber", {}, values)), monkeypatch, "point_mass", "absorber")
+    assert "absorber" in best.names
+    assert any(one.names == ("absorber",) for one in found.counted(SETTINGS.level))
+
+
+@torch.no_grad()
+def test_a_mass_that_ended_elsewhere_is_found_where_an_absorber_has_ended():
+    comparing = bench("given", 1, 5e-4, ("point_mass", {}, {"x": 0.1, "y": 0.91, "mass": 0.08}))
+    baseline, fitted = comparing.baseline()
+    seen = {one.name: one for one in visible(comparing.plates, baseline.theta)}
+    mass, absorber = (
+        single(fitted, tried(comparing.plates, fitted, k, seen[name], SETTINGS), SETTINGS)
+        for k, name in enumerate(("point_mass", "absorber"))
+    )
+    # In the middle of the plate the way to the corner is not down.
+    far = torch.tensor([[0.5, 0.5, 0.9, *mass.starts[0, 3:].tolist()]], dtype=torch.float64)
+    mass = dataclasses.replace(mass, starts=far)
+    assert comparing.refitted(mass).best.chi_square > 1e3
+    every = comparing._with_simpler([comparing.refitted(absorber)], [mass, absorber], 1e9)
+    found = next(one for one in every if one.names == ("point_mass",))
+    assert found.best.chi_square < 1.0
+
+
+@torch.no_grad()
+def test_what_a_hypothesis_becomes_begins_where_that_has_ended():
+    """Of two absorbers one becomes a mass: it sits where that one sat, and the other stays where it was."""
+    comparing = bench("given", 1, 1e-3, ("point_mass", {}, {"x": 0.23, "y": 0.31, "mass": 0.15}))
+    baseline, fitted = comparing.baseline()
+    both = [one for one in visible(comparing.plates, baseline.theta) if one.name in ("point_mass", "absorber")]
+    parts = [tried(comparing.plates, fitted, k, one, SETTINGS) for k, one in enumerate(both)]
+    mass, absorber = sorted(parts, key=lambda one: one.name, reverse=True)
+    nobody = torch.zeros(1, 0, dtype=torch.float64)
+    larger, simpler = Hypothesis((absorber, absorber), nobody, 0.0), Hypothesis((mass, absorber), nobody, 0.0)
+    assert is_simpler(simpler, larger)
+    assert not is_simpler(larger, simpler)
+    model = comparing.plates.with_effects([one.candidate for one in larger.parts], larger.labels)
+    position = torch.linspace(0.1, 0.9, len(model.names), dtype=torch.float64)
+    n = len(position)
+    at = {"position": position, "precision": torch.eye(n).double(), "at_bound": torch.zeros(n).bool()}
+    end = dataclasses.replace(baseline.best, **at, images=position[None])
+    ended = Weighed(larger, model, (end,), 0.0)
+    small = comparing.plates.with_effects([one.candidate for one in simpler.parts], simpler.labels)
+    start = comparison._at_the_end(simpler, small, larger, ended)
+    values = small.as_dict(small.space.to_si(start))
+    there = model.as_dict(ended.theta)
+    assert values["plate.youngs_modulus"] == pytest.approx(there["plate.youngs_modulus"])
+    for key in ("x", "y", "mass"):
+        assert values[f"absorber_1.{key}"] == pytest.approx(there[f"absorber_1.{key}"])
+        assert values[f"point_mass_1.{key}"] == pytest.approx(there[f"absorber_2.{key}"])
 
 
 @torch.no_grad()

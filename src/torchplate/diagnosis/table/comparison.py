@@ -16,6 +16,7 @@ from torchplate.diagnosis.table.hypotheses import (
     Fitted,
     Hypothesis,
     Tried,
+    is_simpler,
     ordered,
     pairs,
     single,
@@ -99,6 +100,34 @@ class Comparison:
         """Of the mesh."""
         return self.plates.kind
 
+    def counted(self, level: float) -> list[Weighed]:
+        """All that count: an effect that contains a simpler one only where it takes more than that and chance.
+
+        Its further numbers take so much from −2 ln of the likelihood by chance, of which a hundredth exceeds the
+        quantile of χ² at a level of 0.99: an absorber that stays with the plate is a mass.
+
+        Args:
+            level: of that quantile [-].
+        """
+        import scipy.stats  # here: a third of what importing this package takes
+
+        evidence = self.plates.evidence
+
+        def beyond(one: Weighed, other: Weighed) -> bool:
+            further = len(one.model.names) - len(other.model.names)
+            left = [evidence.minus_two_log_likelihood(end.best.chi_square) for end in (other, one)]
+            return left[0] - left[1] > float(scipy.stats.chi2.ppf(level, max(1, further)))
+
+        def needed(one: Weighed) -> bool:
+            simpler = (
+                other
+                for other in self.weighed
+                if one.hypothesis and other.hypothesis and is_simpler(other.hypothesis, one.hypothesis)
+            )
+            return all(beyond(one, other) for other in simpler)
+
+        return [self.baseline, *(one for one in self.weighed if needed(one))]
+
 
 class Comparing:
     """Weighs hypotheses on one mesh.
@@ -152,13 +181,20 @@ class Comparing:
             least = min(least, found[-1].best.chi_square)
         return found
 
-    def refitted(self, hypothesis: Hypothesis, hopeless: float = math.inf, elsewhere: Weighed | None = None) -> Weighed:
+    def refitted(
+        self,
+        hypothesis: Hypothesis,
+        hopeless: float = math.inf,
+        elsewhere: Weighed | None = None,
+        begun: Weighed | None = None,
+    ) -> Weighed:
         """A hypothesis from all its starts, in the shared modes and those of its effects.
 
         Args:
             hypothesis: its effects.
             hopeless: χ² beyond which, after a few steps, it is not followed to its end.
             elsewhere: the same on another mesh, of which the minima are near: begun there, and at the best start.
+            begun: what contains it, where that has ended: likewise.
         """
         model = self.plates.with_effects([part.candidate for part in hypothesis.parts], hypothesis.labels)
         column = ordered(hypothesis, model.names, self.plates.model.names)
@@ -168,6 +204,8 @@ class Comparing:
         if elsewhere is not None:
             ends = [one.position for one in elsewhere.minima[: self.settings.n_onward]]
             starts = torch.stack([*ends, starts[0]])
+        if begun is not None and begun.hypothesis is not None:
+            starts = torch.stack([_at_the_end(hypothesis, model, begun.hypothesis, begun), starts[0]])
         minima = problem.minima(starts, hopeless=hopeless)
         self.plates.n_evaluation += len(starts) * self.settings.n_iteration
         alone = self._alone(hypothesis, problem, minima[0])
@@ -255,9 +293,8 @@ class Comparing:
         blind = {one.name for one in every} - {one.name for one in seen}
         self.say(f"{self.plates.kind} mesh: {len(seen)} effects and options")
         alone = [single(fitted, one, self.settings) for one in seen]
-        weighed = self._best_rebuilt(
-            self._each([one for one in alone if self._may_fail(one)], baseline.best.chi_square, other)
-        )
+        alone, left = [one for one in alone if self._may_fail(one)], baseline.best.chi_square
+        weighed = self._best_rebuilt(self._with_simpler(self._each(alone, left, other), alone, left))
         return Comparison(self.plates, baseline, fitted, tuple(seen), tuple(sorted(blind)), tuple(weighed), 0)
 
     def with_pairs(self, found: Comparison, other: Comparison | None = None) -> Comparison:
@@ -278,11 +315,34 @@ class Comparing:
         count = min(len(every), self.settings.n_pair_beside if does else self.settings.n_pair)
         self.say(f"{self.plates.kind} mesh: {count} of {len(every)} pairs")
         least = min(one.best.chi_square for one in (found.baseline, *found.weighed))
-        weighed = self._best_rebuilt(self._each(every[:count], least, other))
-        left = len(every) - count
+        refitted = self._each(every[:count], least, other)
+        weighed = self._best_rebuilt(refitted := self._with_simpler(refitted, every, least))
+        left = len(every) - len(refitted)
         return Comparison(
             found.plates, found.baseline, found.fitted, found.seen, found.unseen, (*found.weighed, *weighed), left
         )
+
+    def _with_simpler(self, refitted: Sequence[Weighed], every: Sequence[Hypothesis], least: float) -> list[Weighed]:
+        """What was refitted, and what the best of it become at an end of their parameters, from where they have ended.
+
+        A simpler effect may promise less than one that contains it, and its own refit may end elsewhere.
+
+        Args:
+            refitted: those that promised most.
+            every: all of as many effects.
+            least: χ² that is left by what was refitted before.
+        """
+        found = {one.hypothesis.key: one for one in refitted if one.hypothesis}
+        least = min([least, *(one.best.chi_square for one in refitted)])
+        evidence = min((one.evidence for one in refitted), default=math.inf) + self.settings.far
+        for larger in [one for one in refitted if one.evidence < evidence]:
+            for one in every:
+                if larger.hypothesis is None or not is_simpler(one, larger.hypothesis):
+                    continue
+                again = self.refitted(one, self.settings.hopeless * least, begun=larger)
+                if one.key not in found or again.evidence < found[one.key].evidence:
+                    found[one.key] = again
+        return list(found.values())
 
     def _may_fail(self, one: Hypothesis) -> bool:
         """Whether a table can speak against a hypothesis: what has as many free numbers as it has fits any table."""
@@ -297,6 +357,25 @@ class Comparing:
         some = [one for one in ranked[: self.settings.n_rebuilt] if one.evidence < least + self.settings.far]
         each = [self.rebuilt_each(one) if one in some else [one] for one in ranked]
         return [one for ends in each for one in ends]
+
+
+def _at_the_end(one: Hypothesis, model: PlateModel, larger: Hypothesis, found: Weighed) -> Tensor:
+    """A simpler hypothesis where one that contains it has ended, on the unit cube of its model."""
+    known = dict(zip(found.model.names, found.theta.tolist(), strict=True))
+    left, there = list(zip(larger.key, larger.labels, strict=True)), dict[str, str]()
+    for index, label in zip(one.key, one.labels, strict=True):
+        same = next((pair for pair in left if pair[0] == index), None)
+        if same is not None:
+            left.remove(same)
+            there[label] = same[1]
+    middle = model.space.to_si(model.known.new_full((len(model.names),), 0.5)).tolist()
+    values = []
+    for name, value in zip(model.names, middle, strict=True):
+        label, _, key = name.rpartition(".")
+        # What has no counterpart is the simpler effect, and the one that is left contains it.
+        label = there.get(label, left[0][1] if label in one.labels else label)
+        values.append(known.get(f"{label}.{key}", value))
+    return model.space.to_cube(torch.tensor(values).to(found.theta)).clamp(0.0, 1.0)
 
 
 def _parts(found: Weighed) -> tuple[Tried, ...]:

@@ -196,6 +196,21 @@ class Hypothesis:
         )
 
 
+def is_simpler(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether a hypothesis is another with a simpler effect in place of one that becomes it (`Effect.contains`)."""
+
+    def without(hypothesis: Hypothesis, part: Tried) -> list[int]:
+        rest = list(hypothesis.key)
+        rest.remove(part.index)
+        return sorted(rest)
+
+    return any(
+        simple.name in part.candidate.effect.contains and without(one, simple) == without(other, part)
+        for part in other.parts
+        for simple in one.parts
+    )
+
+
 def single(fitted: Fitted, part: Tried, settings: TableSettings) -> Hypothesis:
     """One effect alone, begun where it promises most and at places apart from those."""
     square = fitted.freed(fitted.residual + part.change).square().sum(-1)

@@ -50,7 +50,7 @@ class Posterior:
         rows: list[tuple[Comparison, Weighed, float]] = []
         for one in compared:
             mesh = 1.0 if len(compared) == 1 else _of_mesh(one, settings)
-            for weighed in (one.baseline, *one.weighed):
+            for weighed in one.counted(settings.level):
                 share = mesh * _prior(one, weighed, settings)
                 rows.append((one, weighed, math.log(share) - 0.5 * weighed.evidence))
         log = torch.tensor([row[2] for row in rows], dtype=torch.float64)
