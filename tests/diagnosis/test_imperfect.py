@@ -144,6 +144,32 @@ def test_candidates_are_scored_beside_the_plate_as_it_was_told(lab):
     assert beside_what_was_told(selection.builder, selection.prior, here) is here
 
 
+@torch.no_grad()
+@pytest.mark.check
+def test_dampings_that_took_on_a_window_are_put_back_and_the_section_is_kept(lab):
+    """No peak moves with them: beside their law the window promises most, and its refit ends where it is."""
+    window = {"window": CATALOGUE["exponential_window"]()}
+    clear = plate(KNOWN | TRUE | {"window.rate": 12.0}, {}, [*RESPONSE], [*REFERENCE], 4, **window)
+    exact = extrapolate(clear, float(LINES[-1])).model.frf(lab.nobody, LINES)
+    measured = lab.measured(LINES, exact + lab.noise_of(lab.true_std(exact, 3e-3, "mixed"), 5), RESPONSE, REFERENCE)
+    selection = selection_of(measured, given(), Imperfections())
+    baseline = selection.baseline()
+    assert excessive(baseline.fit).keys() == {"damping_scatter"}
+    here, about = beside_what_was_told(selection.builder, selection.prior, baseline), baseline.fit.about
+    assert about is not None
+    known = here.fit.about
+    assert known is not None
+    damped = torch.tensor([name == "damping_scatter" for name in about.names])
+    assert 0 < int(damped.sum()) < len(damped)
+    assert torch.equal(known.shift, torch.where(damped, 0.0, about.shift))
+    assert torch.equal(known.spread, about.spread)
+    assert bool(about.shift[damped].abs().max() > 1.0)
+    ranked = selection.ranking.at(baseline)
+    best = min(ranked.hypotheses, key=lambda one: one.cost)
+    assert best.name in ("exponential_window", "viscous_damping")
+    assert is_noise(best.fit)
+
+
 @pytest.mark.check
 @torch.no_grad()
 def test_what_large_nuisances_took_on_is_found_where_it_is(lab):

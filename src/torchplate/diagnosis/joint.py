@@ -230,7 +230,7 @@ class Joint:
         own = slope[:, len(position) :]
         # Its prior is among the rows, so that nothing is left unknown.
         spread = torch.cholesky_inverse(torch.linalg.cholesky(own.mT @ own)) if own.shape[-1] else own.mT @ own
-        return Ended(here[0], Found(here[1], spread, channels), value, cost)
+        return Ended(here[0], Found(here[1], spread, channels, self.specimens.names), value, cost)
 
     def _louder(self, here: Place, channels: OfChannels | None, marginal: Marginal) -> tuple[Marginal, float]:
         """The same beside as much noise as is left, and how many times its variance: far off, priors count for more.

@@ -433,7 +433,8 @@ class Marginal:
         root = self._root(scale)
         shift, k = mean * root, self._n_off
         channels = self._of_channels(shift, root, inverse)
-        found = Found(shift[:k], (root[:, None] * inverse * root)[:k, :k], channels) if k else None
+        names = tuple(self.names[index] for index in self.group[:k].tolist())
+        found = Found(shift[:k], (root[:, None] * inverse * root)[:k, :k], channels, names) if k else None
         data = self._cost_of_data(residual, shift, noise)
         complexity = cost + prior - data
         return Judged(

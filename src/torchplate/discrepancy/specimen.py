@@ -7,6 +7,7 @@ Source: Lindstrom and Bates, Nonlinear mixed effects models for repeated measure
 linearising about the nuisances as they are found, and not about none.
 """
 
+from collections.abc import Container
 from typing import NamedTuple
 
 import torch
@@ -170,11 +171,18 @@ class Found(NamedTuple):
             modes.
         spread: their posterior covariance.
         channels: what each of them has of its own; None where they are taken to be as they are meant.
+        names: of the group that each term belongs to; empty where they were not kept.
     """
 
     shift: Float[Tensor, " n_off"]
     spread: Float[Tensor, "n_off n_off"]
     channels: OfChannels | None = None
+    names: tuple[str, ...] = ()
+
+    def without(self, groups: Container[str]) -> "Found":
+        """The same with what was found of some groups put back, and known as well as it was."""
+        kept = self.shift.new_tensor([float(name not in groups) for name in self.names])
+        return self._replace(shift=self.shift * kept)
 
     def within(self, most: float) -> "Found":
         """Shifts of so many standard deviations at most: a model about farther ones would be no plate any more.
@@ -201,7 +209,8 @@ class Found(NamedTuple):
         old = min(n, len(self.shift))
         shift, spread = self.shift.new_zeros(n), torch.eye(n).to(self.spread)
         shift[:old], spread[:old, :old] = self.shift[:old], self.spread[:old, :old]
-        return Found(shift, spread, self.channels)
+        names = (self.names + self.names[-1:] * n)[:n]
+        return Found(shift, spread, self.channels, names)
 
 
 class Specimens:

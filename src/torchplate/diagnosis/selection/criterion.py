@@ -43,6 +43,8 @@ from torchplate.model import PlateModel
 
 # Precision of a uniform prior on the unit cube, one over its variance: nobody chose it.
 UNIFORM = 12.0
+# Groups of nuisances that move no peak: beside what they are meant to be peaks still overlap.
+STILL = frozenset({"damping_scatter"})
 
 
 class Weight(NamedTuple):
@@ -237,8 +239,16 @@ def excessive(fit: Fit) -> dict[str, float]:
 
 
 def known_section(fit: Fit) -> Found | None:
-    """How far the section wanders, where that is known: not where it has taken on something else."""
-    return None if excessive(fit) else fit.about
+    """How far the section wanders, where that is known: not where it has taken on something else.
+
+    Modes whose damping has are put back to their law: no peak moves, and of the section nothing else is known.
+    """
+    too_large = excessive(fit)
+    if not too_large or fit.about is None:
+        return fit.about
+    if too_large.keys() <= STILL and fit.about.names:
+        return fit.about.without(STILL)
+    return None
 
 
 def is_needed(before: Fit, after: Hypothesis, by_chance: float = 0.0) -> bool:

@@ -100,7 +100,9 @@ class Ranking:
         screening, selecting = self.settings.screening, self.settings.selecting
         told = beside_what_was_told(builder, self.prior, state)
         # Where little is left, peaks overlap beside a specimen that took on what is missing better than without it.
-        here = state if misfit <= selecting.doubtful else told
+        # Dampings move no peak, and beside those that took it on what is missing promises nothing.
+        still = told is not state and known_section(state.fit) is not None
+        here = state if misfit <= selecting.doubtful and not still else told
         base, everyone = self._catalogue_beside(here)
         self._far, self._ways = set(), ()
         promises: list[Scored] = []

@@ -10,7 +10,7 @@ from torchplate.diagnosis.candidates.trials import spread_at
 from torchplate.diagnosis.judged import beside, judged_beside
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem, widely
-from torchplate.diagnosis.selection.criterion import excessive
+from torchplate.diagnosis.selection.criterion import excessive, known_section
 from torchplate.diagnosis.selection.screen import Scored, start_of
 from torchplate.diagnosis.selection.trace import State
 from torchplate.discrepancy import Found
@@ -51,7 +51,8 @@ def beside_what_was_told(builder: ModelBuilder, prior: Prior, state: State) -> S
     """The state that candidates are scored beside: the plate as it was told, where smoothed FRFs take it.
 
     A specimen that wanders by more than plates do has taken on what is missing. Candidates are not fitted beside it,
-    and beside it they would promise what it has left.
+    and beside it they would promise what it has left. Where only dampings are off their law by more than those of
+    plates are, they are put back, and the section stays as it was found.
 
     Args:
         builder: evaluates them.
@@ -61,8 +62,13 @@ def beside_what_was_told(builder: ModelBuilder, prior: Prior, state: State) -> S
     before, model, target = state.fit, state.fit.model, builder.target
     if before.about is None or not model.names or not excessive(before):
         return state
-    plain = builder.reduced(model, before.theta[None])
     position = model.space.to_cube(before.theta)
+    if (about := known_section(before)) is not None:
+        plain = builder.reduced(model, before.theta[None], about=about)
+        reduced = target.specimen(plain, before.theta, about)
+        of_fit = beside(target, reduced, before.theta, about)
+        return replace(state, fit=judged_beside(builder, model, reduced, prior, position, of_fit))
+    plain = builder.reduced(model, before.theta[None])
     told = before.theta.clone()
     for index, name in enumerate(model.names):
         told[index] = prior[name][0] if name in prior else told[index]
