@@ -330,6 +330,21 @@ def test_what_left_next_to_nothing_beside_the_plate_as_told_is_not_looked_for_be
 
 
 @torch.no_grad()
+def test_where_the_best_is_nearly_right_what_leaves_many_times_as_much_is_not_asked_for_supports(lab, scene):
+    gain = scene.hypothesis("sensor_gain")
+
+    def limit(misfit: float, by_noise: bool = True) -> float:
+        left = lab.leaving(gain.fit, misfit * gain.fit.judged.n)._replace(by_noise=by_noise)
+        return scene.ranking._hopeless([replace(gain, fit=left)])
+
+    n, times = gain.fit.judged.n, SETTINGS.searching.hopeless
+    assert limit(1.0) == pytest.approx(times * n)
+    # Nuisances may be too large for noise alone: it is nearly right all the same.
+    assert limit(2.4) == pytest.approx(times * 2.4 * n)
+    assert limit(2.6) == limit(2.4, by_noise=False) == scene.ranking._hopeless([]) == math.inf
+
+
+@torch.no_grad()
 def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
     scene = lab.Scene(hidden={"wire": (700.0, 0.2)})
     spring = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))

@@ -229,9 +229,9 @@ class Ranking:
         return base, everyone
 
     def _hopeless(self, ends: Sequence[Hypothesis]) -> float:
-        """The sum of squares beyond which a support at the same place is not asked for: the best leaves noise."""
+        """The sum of squares beyond which a support at the same place is not asked for: the best is nearly right."""
         best = min(ends, key=lambda one: one.fit.square, default=None)
-        if best is None or not is_noise(best.fit):
+        if best is None or not best.fit.by_noise or best.fit.reduced_misfit > self.settings.screening.nearly_right:
             return math.inf
         return self.settings.searching.hopeless * best.fit.square
 
