@@ -143,5 +143,22 @@ def test_what_is_said_is_said_of_all_lines(lab):
         assert one.heldout == bool(heldout[pair])
 
 
+def test_a_specimen_that_is_known_is_what_is_said_of_all_lines(lab):
+    """Of a plate that a reference test told, each damping has its own number: a uniform one would leave a gap."""
+    frequency = torch.linspace(10.0, 300.0, 3200, dtype=torch.float64)
+    plate = lab.small_plate()
+    factor = torch.linspace(0.5, 2.0, 8, dtype=torch.float64)
+    odd = plate.with_damping_factors(factor)
+    frf = odd.frf(lab.nobody, frequency)
+    test = lab.measured(frequency, frf, plate.response, plate.reference)
+    std = 0.01 * frf.abs()
+    whole = FrfTarget(test, Noise(std, 0.01, (), torch.zeros_like(std), None), torch.zeros_like(test.measured))
+    thin = about_peaks(whole, 10)
+    fit = unfitted(ModelBuilder(plate, thin, as_given=True), plate)
+    fit = fit._replace(reduced=fit.reduced.with_damping_factors(factor))
+    uniform, known = (gap_of(thin, fit, fit._replace(as_found=which)).final for which in (False, True))
+    assert known < 1e-3 < 0.05 < uniform
+
+
 def test_no_test_counts_more_numbers():
     assert SETTINGS.lines.most_numbers == pytest.approx(1 / SETTINGS.comparison.misspecified)

@@ -6,6 +6,8 @@ from dataclasses import replace
 import pytest
 import torch
 
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.problem import Problem
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy.measure import Measured
@@ -117,6 +119,49 @@ def test_too_few_lines_for_resonances_are_still_seen_from_afar(lab, plate, true)
     parts = torch.linspace(0.6, 1.6, 51, dtype=torch.float64).tolist()
     value = here.residual(seen(here, plate, 0, *parts), 0).square().sum(-1)
     assert parts[int(value.argmin())] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("band", [(2.0, 200.0), (20.0, 200.0)])
+@pytest.mark.parametrize("n_line", [80, 3200])
+def test_no_line_beside_the_axis_counts_more_than_what_was_measured_there(lab, band, n_line):
+    """Below the lowest modes twenty lines may lie between two that were measured."""
+    frequency = torch.linspace(*band, n_line, dtype=torch.float64)
+    std = torch.full((n_line, 1, 1), 0.1, dtype=torch.float64)
+    measured = lab.measured(frequency, torch.ones_like(std).to(torch.complex128), [1], [2])
+    pole = torch.tensor([900.0 + 9.0j, 1e4 + 100.0j], dtype=torch.complex128)
+    part = torch.ones(2, 1, 1, dtype=torch.complex128)
+    resonances = Resonances(pole, part, part, band, torch.ones(2, dtype=torch.bool))
+    noise = Noise(std, 0.1, (), torch.zeros_like(std), resonances)
+    here = FrfTarget(measured, noise, torch.zeros(1, 1, dtype=torch.bool))
+    step = (band[1] - band[0]) / (n_line - 1)
+    for level in here.smoothing.levels:
+        for low in torch.linspace(band[0], 0.9 * band[1], 12).tolist():
+            high = low + max(3 * step, 0.1 * low)
+            inside = (level.frequency >= low) & (level.frequency <= high)
+            assert float(level.stands_for[inside].sum()) <= (high - low) / step + 1.5
+        if n_line == 3200:
+            # Nearly everywhere the lines that were measured are denser.
+            assert float((level.stands_for == 1).double().mean()) > 0.7
+
+
+def test_what_is_known_beforehand_weighs_as_much_of_what_was_measured(lab):
+    """A twentieth of all numbers that a wide level has from the test, for a parameter a standard deviation off."""
+    plate, frequency = lab.small_plate(), torch.linspace(2.0, 200.0, 80, dtype=torch.float64)
+    plate = plate.replaced(
+        known={name: value for name, value in plate.known_values.items() if name != "plate.density"},
+        searched={"plate.density": Searched(2000.0, 4000.0)},
+    )
+    theta = torch.tensor([2700.0], dtype=torch.float64)
+    frf = plate.frf(theta, frequency)
+    measured = lab.measured(frequency, frf, plate.response, plate.reference)
+    here = FrfTarget(measured, noise_level(measured), torch.zeros(frf.shape[1:], dtype=torch.bool))
+    problem = Problem(ModelBuilder(plate, here, as_given=True), plate, {"plate.density": (2600.0, 100.0)})
+    for level in range(here.levels - 1):
+        found = problem.residual(plate.space.to_cube(theta)[None], level)[0]
+        mixed = (len(found) - 1) / len(here.smoothing.levels[level].frequency)
+        n_measured = mixed * float(here.smoothing.levels[level].stands_for.sum())
+        assert float(found[-1]) == pytest.approx(0.05 * n_measured**0.5)
+        assert n_measured < 0.8 * (len(found) - 1)
 
 
 def test_held_out_frfs_are_in_no_residual(lab, plate, true):

@@ -11,7 +11,6 @@ from torchplate.diagnosis.localisation.channels import channel_gaps
 from torchplate.diagnosis.localisation.localise import localise
 from torchplate.diagnosis.result import Gap, Location, Overlay, Step, Verdict
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.discrepancy import as_it_is_meant
 
 
 def verdict_of(named: bool, explained: bool) -> Verdict:
@@ -80,7 +79,7 @@ def left_beside_the_specimen(target: FrfTarget, fit: Fit) -> float | None:
 def at_all_lines(target: FrfTarget, fit: Fit) -> Complex[Tensor, "n_frequency n_response n_reference"]:
     """What a fit says of every line that was measured, whichever were looked at."""
     whole = target.at_all_lines
-    return fit.prediction if whole is target else whole.predict(as_it_is_meant(fit.reduced), fit.theta)
+    return fit.prediction if whole is target else whole.predict(fit.predicted, fit.theta)
 
 
 def _gaps(target: FrfTarget, fit: Fit) -> tuple[float, float | None]:

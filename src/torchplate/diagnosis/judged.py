@@ -107,6 +107,7 @@ class Fit(NamedTuple):
         comparison: by which it is compared with others.
         way: −2 ln of the posterior probability where parameters and specimen had come to together, before nuisances
             were taken as they are found; infinite where no specimen is fitted.
+        as_found: whether the specimen is known in any case, and what it makes expected is what is predicted.
     """
 
     model: PlateModel
@@ -128,6 +129,7 @@ class Fit(NamedTuple):
     n_mode: int = 1
     comparison: Comparison = Comparison()
     way: float = math.inf
+    as_found: bool = False
 
     @property
     def marginal(self) -> Marginal:
@@ -138,6 +140,11 @@ class Fit(NamedTuple):
     def about(self) -> Found | None:
         """How far the section of `reduced` wanders."""
         return self.beside.about
+
+    @property
+    def predicted(self) -> PlateModel:
+        """The model in its basis, as it predicts."""
+        return self.reduced if self.as_found else as_it_is_meant(self.reduced)
 
     @property
     def reduced_misfit(self) -> float:

@@ -98,8 +98,12 @@ class Problem:
             return found
         # Where the level of what is left is not known, it scales what is known beforehand.
         by_level = 1.0 if self.target.trusts_the_noise else self.target.settings.selecting.doubtful**0.5
-        weight = by_level if sharp else self.target.settings.wide.told * found.shape[-1] ** 0.5
+        weight = by_level if sharp else self.target.settings.wide.told * self._n_measured(level, found) ** 0.5
         return torch.cat([found, weight * self.told(theta)], dim=-1)
+
+    def _n_measured(self, level: int, found: Tensor) -> float:
+        """Numbers that were measured for those of a wide level."""
+        return found.shape[-1] * float(self.target.smoothing.levels[level].stands_for.mean())
 
     def told(self, theta: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n_prior"]:
         """Deviations from what is known beforehand, over its standard deviation."""

@@ -28,12 +28,14 @@ class Level(NamedTuple):
         frequency: ω / 2π [Hz].
         decay: σ [1/s].
         measured: the FRFs there.
-        scale: one over their size around each line, so that every band weighs alike.
+        stands_for: lines that were measured for each, 1 at most [-].
+        scale: its root over the size of the FRFs around each line, so that every band weighs alike.
     """
 
     frequency: Float[Tensor, " n_line"]
     decay: Float[Tensor, " n_line"]
     measured: Complex[Tensor, "n_line n_response n_reference"]
+    stands_for: Float[Tensor, " n_line"]
     scale: Float[Tensor, "n_line n_response n_reference"]
 
 
@@ -74,8 +76,21 @@ class Smoothing:
         else:
             measured = self.resonances.at(frequency, decay).to(self.measured)
         power = self._around(frequency, measured, torch.ones_like(frequency))
-        scale = 1 / (power + 1e-3 * power.mean(0)).sqrt().clamp(min=1e-300)
-        return Level(frequency, decay, measured, scale)
+        size = (power + 1e-3 * power.mean(0)).sqrt().clamp(min=1e-300)
+        stands_for = self._stands_for(frequency)
+        return Level(frequency, decay, measured, stands_for, stands_for.sqrt()[:, None, None] / size)
+
+    def _stands_for(self, frequency: Float[Tensor, " n_line"]) -> Float[Tensor, " n_line"]:
+        """Lines that were measured for each of those that are looked at, 1 at most.
+
+        These lie closer the lower they are. Below the first modes there may be twenty of them between two that were
+        measured, and what resonances make of a peak there would count twenty times.
+        """
+        if len(frequency) < 2:
+            return torch.ones_like(frequency)
+        step = torch.gradient(self.frequency)[0]
+        nearest = torch.searchsorted(self.frequency.contiguous(), frequency.contiguous()).clamp(max=len(step) - 1)
+        return (torch.gradient(frequency)[0] / step[nearest].clamp(min=1e-300)).clamp(max=1.0)
 
     def _around(
         self,

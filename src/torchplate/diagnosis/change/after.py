@@ -328,7 +328,7 @@ class End(NamedTuple):
 
 def _as_the_specimen(fit: Fit) -> Fit:
     """The specimen is the reference's in any case: what it makes expected is what is predicted."""
-    return fit._replace(prediction=fit.expected, gap=fit.left)
+    return fit._replace(prediction=fit.expected, gap=fit.left, as_found=True)
 
 
 def _place(model: PlateModel, start: Mapping[str, float], values: Mapping[str, float]) -> Float[Tensor, " n"]:
