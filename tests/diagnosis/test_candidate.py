@@ -118,6 +118,18 @@ def test_what_is_searched_already_is_not_missing(key, gone):
     assert names(found(plate())) - names(found(model)) == {gone}
 
 
+@pytest.mark.parametrize("name", ["point_mass", "ground_spring", "stiffness_loss", "absorber", "rib"])
+def test_beside_one_at_a_place_another_may_sit_elsewhere(name):
+    """A rib that is searched is no reason why there should not be two."""
+    model = plate()
+    (one, *_) = [one for one in found(model) if one.name == name]
+    with_one = with_candidate(model, "first", one)
+    (again, *_) = [one for one in found(with_one) if one.name == name]
+    assert again.searched.keys() == one.searched.keys()
+    both = with_candidate(with_one, "second", again)
+    assert {f"{label}.{key}" for label in ("first", "second") for key in one.searched} <= {*both.names}
+
+
 def test_only_what_is_not_searched_of_an_effect_is_looked_for():
     (own,) = [
         one

@@ -136,7 +136,8 @@ def _already_searched(model: PlateModel, effect: Effect, key: str, told: Collect
 
 def _own_numbers(model: PlateModel, effect: Effect, key: str) -> set[str]:
     """Searched numbers of the model that are what a parameter of this effect is."""
-    if "x" in effect.parameters:
+    if {"x", "x0"} & effect.parameters.keys():
+        # At another place it is another.
         return set()
     plate = next(label for label, own in model.effects.items() if own.name == "plate")
     same = {f"{label}.{key}" for label, own in model.effects.items() if type(own) is type(effect) and own == effect}
