@@ -239,9 +239,7 @@ class FrfTarget:
         """
         # Its columns are most of the memory of a diagnosis.
         hand_back(self.measured.nbytes)
-        if about is not None and about.channels is not None and self.noise.resonances is None:
-            # Without resonances no drift can be taken off what was measured.
-            about = about._replace(channels=about.channels.without_drift())
+        about = self.about(about)
         freedom = dict.fromkeys(("mesh",), math.inf)
         told = self.settings.knowledge.told
         freedom |= {field.name: told for field in fields(Imperfections) if self.imperfections.told(field.name)}
@@ -264,6 +262,12 @@ class FrfTarget:
             found = self._without_level(found, model.frf(theta, self.frequency))
             freedom[FREE] = math.inf
         return Marginal(self.variance, found, self.fitted, freedom, self.settings.knowledge, about=found.about)
+
+    def about(self, found: Found | None) -> Found | None:
+        """The same as far as it can be taken off what was measured: without resonances no drift can."""
+        if found is None or found.channels is None or self.noise.resonances is not None:
+            return found
+        return found._replace(channels=found.channels.without_drift())
 
     def _without_level(self, found: Nuisances, plain: Tensor) -> Nuisances:
         """Nuisances at the level that is fitted to a model's FRFs, which may as well be another.

@@ -19,6 +19,7 @@ Gaussian Processes for Machine Learning (2006), appendix A, for the determinant 
 Mixed-Effects Models (2000), for marginal likelihoods of nuisance effects.
 """
 
+import copy
 import functools
 import math
 from collections.abc import Mapping
@@ -85,14 +86,13 @@ class Marginal:
         if nuisances is not None:
             self._second_order = float((1 - plain / variance)[:, fitted].mean())
         self.variance = variance * of_level
-        self.weight = torch.where(fitted, variance.rsqrt(), 0.0)
+        self.weight = self._weight_of_columns = torch.where(fitted, variance.rsqrt(), 0.0)
         self.n = 2.0 * len(variance) * int(fitted.sum())
         self._log_variance = 2 * float(self.variance[:, fitted].log().sum())
         self.freedom, self.knowledge = freedom, knowledge
         # 1 / √D of each number.
         self._over = self.weight[..., None].expand(*self.weight.shape, 2).flatten()
         self._columns = Columns(nuisances, self.weight)
-        self.gram = self._columns.gram(self.weight)
         n_response, n_reference = self._columns.n_response, self._columns.n_reference
         names: list[str] = []
         if nuisances is not None:
@@ -111,8 +111,16 @@ class Marginal:
         self._channel = (of_own, of_other)
         support = () if nuisances is None else nuisances.support
         self._support = torch.tensor(support, dtype=torch.int64).reshape(len(support), 2)
-        scales = [self.scale.get(name, 1.0) for name in self.names]
-        self._half = self._whitener(self._root(torch.tensor(scales, dtype=torch.float64)))
+
+    @functools.cached_property
+    def gram(self) -> Float[Tensor, "n_nuisance n_nuisance"]:
+        """JᵀD⁻¹J."""
+        return self._columns.gram(self._weight_of_columns)
+
+    @functools.cached_property
+    def _half(self) -> Float[Tensor, "n_nuisance n_nuisance"]:
+        """W of `_whitener`, nuisances as large as was said."""
+        return self._whitener(self._said())
 
     @property
     def nbytes(self) -> int:
@@ -135,6 +143,24 @@ class Marginal:
         if dict(scale) == self.scale:
             return self
         return Marginal(*self._given, self.freedom, self.knowledge, scale, self.about, put_in=self._put_in)
+
+    def taken_about(self, about: Found | None, put_in: Float[Tensor, " k"] | None) -> "Marginal":
+        """The same columns for residuals that are taken about other values: right to first order in what these move.
+
+        Args:
+            about: how far off the specimen is whose residuals come.
+            put_in: of the last of the nuisances that all FRFs share.
+        """
+        # The products of its columns are made once for all of these.
+        assert len(self.gram) == len(self.group)
+        twin = copy.copy(self)
+        for name in ("_values", "_back", "_is_put_in"):
+            vars(twin).pop(name, None)
+        twin.about, twin._put_in = about, put_in
+        # Columns stay those of the levels they were taken about, and residuals are of what was measured.
+        of_level = twin._power_of_levels(self.variance).sqrt() / self._power_of_levels(self.variance).sqrt()
+        twin.weight = self.weight * of_level
+        return twin
 
     def beside(
         self,

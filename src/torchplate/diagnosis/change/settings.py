@@ -32,9 +32,9 @@ class ChangeSettings:
         n_grid: values of a parameter's interval that are tried [-].
         n_library: places and sizes of an effect that are tried on a table [-].
         n_turn: times that the reference's uncertainty is taken anew about where a fit has come to [-].
-        n_settled: times that what is about to be integrated is taken about where it was found, at most [-]: in a narrow
-            valley of sharp peaks each takes off a tenth of what is left, and a way that ends before it rests ends where
-            rounding says.
+        n_settled: times that what is about to be integrated is taken about where it was found, at most [-].
+        n_ahead: steps from there by the same columns, at most [-]: in a narrow valley of sharp peaks each takes off a
+            tenth of what is left, and a way that ends before it rests ends where rounding says.
         n_damped: times that one of these steps is shortened tenfold before there is none [-].
         rest: a move on the unit cube below which it has come to rest [-].
         drawing: by which a likelihood is integrated.
@@ -57,7 +57,8 @@ class ChangeSettings:
     n_grid: int = 9
     n_library: int = 64
     n_turn: int = 3
-    n_settled: int = 48
+    n_settled: int = 8
+    n_ahead: int = 48
     n_damped: int = 8
     rest: float = 1e-4
     drawing: Drawing = field(default_factory=Drawing)
