@@ -10,7 +10,7 @@ import torch
 
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.change import PlateTest, what_changed
-from torchplate.diagnosis.change.after import against_the_next
+from torchplate.diagnosis.change.after import After, against_the_next
 from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.comparison import Comparing, Promise, State, ways_of
 from torchplate.diagnosis.change.flow import comparing_of
@@ -278,6 +278,49 @@ def test_a_hopeless_change_is_not_followed():
         comparing.after.fit([change], [wrong], hopeless=hopeless)
         count.append(comparing.after.builder.n_evaluation - begun)
     assert count[1] < 0.7 * count[0]
+
+
+@pytest.mark.check
+def test_no_drift_is_settled_where_far_more_than_noise_is_left(monkeypatch):
+    """A mass that is missing is no drift, and what a drift makes of it goes on for ever."""
+    comparing, _, _ = lightened()
+    made = []
+    marginal = After.marginal
+
+    def counted(self, *given):
+        made.append(1)
+        return marginal(self, *given)
+
+    monkeypatch.setattr(After, "marginal", counted)
+    for lost in (After._is_lost, lambda *_: False):
+        monkeypatch.setattr(After, "_is_lost", lost)
+        comparing.none()
+        made.append(0)
+    first = made.index(0)
+    assert 0 < first < 0.7 * (len(made) - first - 2)
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("idle", [True, False])
+def test_a_change_that_stood_in_for_the_next_is_taken_back(idle):
+    """Beside the mass that came a dashpot that does nothing goes, and the mass stays beside a dashpot."""
+    comparing, mass, wrong = lightened()
+    own = {key: Searched(0.0, 1.0) for key in ("x", "y")} | {"viscous_damping": Searched(0.0, 10.0)}
+    dashpot = Change("ground_dashpot", "two", Candidate(CATALOGUE["ground_dashpot"](), {}, own, {}))
+    start = {f"two.{key}": 0.3 for key in ("x", "y")} | {"two.viscous_damping": 1e-3}
+    start |= wrong | {f"one.{key}": value for key, value in LUMP[1].items()}
+    changes = (dashpot, mass) if idle else (mass, dashpot)
+    none = comparing.none()
+    both = comparing.after.fit(changes, [start])
+    promises = tuple((Promise(change, 0.5, (start,)),) for change in changes)
+    steps = [
+        (comparing._choice(none.fit, [(one, both.fit)], told), {one.key: both.fit}, none.fit)
+        for one, told in zip(changes, promises, strict=True)
+    ]
+    found = comparing.pruned(State(changes, *both, tuple(steps), promises))
+    assert [change.name for change in found.changes] == (["point_mass"] if idle else ["point_mass", "ground_dashpot"])
+    assert len(found.choices) == len(found.promises) == len(found.changes)
+    assert found.fit.reduced_misfit < 1.3
 
 
 # A soft patch over some elements and a half of others, whose plate is on a mesh that no diagnosis is made on.

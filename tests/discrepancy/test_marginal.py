@@ -92,6 +92,9 @@ def test_levels_that_were_found_leave_the_likelihood_that_of_what_was_measured()
     assert float((level - 1).abs().min()) > 0.02
     measured = complex_normal(generator, *SHAPE)
     found = one.cost(one.over_noise(measured / level))
+    # By the columns of other levels residuals are those of what was measured, too.
+    before = Marginal(variance, nuisances, fitted, {}, Knowledge())
+    assert torch.allclose(before.taken_about(about, None).over_noise(measured / level), before.over_noise(measured))
     # Of y itself: y = level (H + J ν) + e.
     columns = plain.across(torch.eye(len(plain.group), dtype=torch.float64)).mT
     both = torch.ones(*SHAPE, 2, dtype=torch.float64)
@@ -252,6 +255,10 @@ def test_a_whole_step_leads_to_what_is_most_probable_and_a_damped_one_part_of_th
     best = at(to)[0].held(at(to)[1])
     assert one.held(left) > at(part)[0].held(at(part)[1]) > best
     assert torch.allclose(at(to)[0].towards(at(to)[1], 0.0)[0], to)
+    # Columns that are the same wherever they are taken need not be made anew.
+    moved = one.taken_about(None, to)
+    assert moved.held(at(to)[1]) == pytest.approx(best, rel=1e-12)
+    assert torch.allclose(moved.residual(at(to)[1]), at(to)[0].residual(at(to)[1]))
     for index in range(3):
         for step in (-0.02, 0.02):
             beside = to.clone()

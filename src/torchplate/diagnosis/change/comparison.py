@@ -154,6 +154,22 @@ class Comparing:
         changes = list({promise.change.key: promise.change for promise in promises}.values())
         return choose(none, weighed, n_names(changes), len(changes), before.comparison, self.settings)
 
+    def pruned(self, state: State) -> State:
+        """The state without earlier changes that are not needed beside the last: they may have stood in for it."""
+        for index, change in enumerate(state.changes[:-1]):
+            others = state.changes[:index] + state.changes[index + 1 :]
+            there = self.after.taken_off_at(others, state.values)
+            without = there.fit(others, [state.values], state.nuisances)
+            if self._choice(without.fit, [(change, state.fit)], state.promises[index]).needed:
+                continue
+            self.say(f"  without {change.name}: misfit {without.fit.reduced_misfit:.4g}; it is not needed")
+            before = state.choices[index][2]
+            choices = [step for k, step in enumerate(state.choices) if k != index]
+            choices[index] = (*choices[index][:2], before)
+            promises = [one for k, one in enumerate(state.promises) if k != index]
+            return self.pruned(State(others, *without, tuple(choices), tuple(promises)))
+        return state
+
     def settled(self, state: State, finer: "Comparing") -> State:
         """The state on a finer mesh; as it is, where that leaves noise alone and settling more.
 

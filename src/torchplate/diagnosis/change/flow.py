@@ -91,12 +91,15 @@ def what_changed(
     targets = target_of(reference, seed), target_of(after, seed)
     comparing = comparing_of(reference, after, own, seed, say, settings, as_given, targets=targets)
     none = state = comparing.none()
-    while len(state.changes) < settings.most:
+    # One that is not needed beside the next makes room for another.
+    for _ in range(settings.most + 1):
+        if len(state.changes) == settings.most:
+            break
         further = comparing.further(state)
         if further is None or len(further.changes) == len(state.changes):
             state = state if further is None else further
             break
-        state = further
+        state = comparing.pruned(further)
         if is_explained(state.fit, comparing.after.builder.target):
             break
     if not as_given and any(change.is_of_the_section(comparing.after.model) for change in state.changes):
