@@ -323,6 +323,35 @@ def test_a_change_that_stood_in_for_the_next_is_taken_back(idle):
     assert found.fit.reduced_misfit < 1.3
 
 
+@pytest.mark.check
+def test_a_mass_is_found_where_an_absorber_that_stays_with_the_plate_has_ended(monkeypatch):
+    """Its own refit ended at its mirror image; the absorber is as stiff as its interval allows."""
+    comparing, mass, wrong = lightened()
+    own = {key: Searched(0.0, 1.0) for key in ("x", "y")} | {"mass": Searched(0.0, 0.2)}
+    own |= {"stiffness": Searched(1e2, 1e6, True), "viscous_damping": Searched(0.0, 10.0)}
+    absorber = Change("absorber", "two", Candidate(CATALOGUE["absorber"](), {}, own, {"mass": 0.0}))
+    start = {f"two.{key}": value for key, value in LUMP[1].items()}
+    state = comparing.none()
+    ended = comparing.after.fit([absorber], [start | {"two.stiffness": 9e5, "two.viscous_damping": 0.1}])
+    promises = [Promise(absorber, 0.5, ()), Promise(mass, 0.1, (wrong,))]
+    fit, begun = After.fit, []
+
+    def from_where(self, changes, starts, *more):
+        begun.append(starts[0])
+        return fit(self, changes, starts, *more)
+
+    monkeypatch.setattr(After, "fit", from_where)
+    ((change, found),) = comparing._simpler(state, absorber, ended, promises)
+    assert change is mass
+    where = ended.fit.model.as_dict(ended.fit.theta)
+    assert all(begun[0][f"one.{key}"] == where[f"two.{key}"] for key in LUMP[1])
+    for key, true in LUMP[1].items():
+        value = dict(zip(found.fit.model.names, found.fit.theta.tolist(), strict=True))[f"one.{key}"]
+        assert value == pytest.approx(true, abs=0.03 if key != "mass" else 0.006)
+    choice = comparing._choice(state.fit, [(absorber, ended.fit), (mass, found.fit)], promises)
+    assert choice.best.change is mass
+
+
 # A soft patch over some elements and a half of others, whose plate is on a mesh that no diagnosis is made on.
 SOFT = ("stiffness_loss", {"x": 0.62, "y": 0.55, "size": 0.25, "factor": 0.6})
 SPOTS = ([(0.11, 0.87), (0.43, 0.31)], [(0.2, 0.2), (0.71, 0.4), (0.35, 0.75), (0.9, 0.63)])

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -123,6 +123,10 @@ class Comparing:
             fits[change.key], ended[change.key], tried[change.key] = found.fit, found, change
         if not fits:
             return None
+        best = min(ended, key=lambda key: ended[key].fit.cost)
+        for change, found in self._simpler(state, tried[best], ended[best], promises):
+            if change.key not in fits or found.fit.cost < fits[change.key].cost:
+                fits[change.key], ended[change.key], tried[change.key] = found.fit, found, change
         state = self._anew(state, min(ended.values(), key=lambda one: one.fit.cost))
         choice = self._choice(state.fit, [(tried[key], fit) for key, fit in fits.items()], promises)
         step = (choice, fits, state.fit)
@@ -135,6 +139,26 @@ class Comparing:
             (*state.choices, step),
             (*state.promises, tuple(promises)),
         )
+
+    def _simpler(
+        self, state: State, larger: Change, there: Ended, promises: Sequence[Promise]
+    ) -> Iterator[tuple[Change, Ended]]:
+        """What a change becomes at an end of its parameters, fitted from where it has ended.
+
+        A simpler one may promise less, and its own refit may end elsewhere.
+        """
+        values = dict(zip(there.fit.model.names, there.fit.theta.tolist(), strict=True))
+        limit = self.after.builder.target.settings.selecting.hopeless_rival * there.fit.reduced_misfit
+        names = _contained(larger)
+        changes = {one.change.name: one.change for one in reversed(promises) if one.change.name in names}
+        for one in changes.values():
+            start = dict(values)
+            for key in [] if one.candidate is None else one.candidate.searched:
+                if f"{larger.label}.{key}" in values:
+                    start[f"{one.label}.{key}"] = values[f"{larger.label}.{key}"]
+            found = self.after.fit([*state.changes, one], [start], there.nuisances, limit)
+            self.say(f"  {one.name}, where {larger.name} has ended: misfit {found.fit.reduced_misfit:.4g}")
+            yield one, found
 
     def _choice(self, before: Fit, fits: Sequence[tuple[Change, Fit]], promises: Sequence[Promise]) -> Choice:
         """Which of some changes is the most probable, and whether it is needed beside what was there before."""
