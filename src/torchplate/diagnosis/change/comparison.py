@@ -156,7 +156,10 @@ class Comparing:
             for key in [] if one.candidate is None else one.candidate.searched:
                 if f"{larger.label}.{key}" in values:
                     start[f"{one.label}.{key}"] = values[f"{larger.label}.{key}"]
-            found = self.after.fit([*state.changes, one], [start], there.nuisances, limit)
+            changes_then = [*state.changes, one]
+            # What is stiff and not rigid weighs more than its mass, by more than peaks are wide.
+            afar, _ = self.after.down(changes_then, [start])
+            found = self.after.fit(changes_then, [start, *afar], there.nuisances, limit)
             self.say(f"  {one.name}, where {larger.name} has ended: misfit {found.fit.reduced_misfit:.4g}")
             yield one, found
 
