@@ -270,6 +270,18 @@ def test_a_mass_is_found_from_its_mirror_image():
 
 
 @pytest.mark.check
+def test_beside_the_axis_every_start_is_gone_from():
+    """The best three of a few values at each place were far from the mass; one of eight was near."""
+    comparing, _, _ = lightened()
+    promises = comparing._tried(comparing.none())
+    (mass,) = [one for one in promises if one.change.name == "point_mass" and one.wide]
+    assert len(mass.starts) > SETTINGS.n_start
+    starts, _ = comparing.after.down([mass.change], mass.starts)
+    for key, true in LUMP[1].items():
+        assert starts[0][f"{mass.change.label}.{key}"] == pytest.approx(true, abs=0.03 if key != "mass" else 0.01)
+
+
+@pytest.mark.check
 def test_a_hopeless_change_is_not_followed():
     comparing, change, wrong = lightened()
     count = []

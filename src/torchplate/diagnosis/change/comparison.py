@@ -279,7 +279,9 @@ class Comparing:
                 change = Change(
                     scored.candidate.name, scored.label, scored.candidate, n_option=n_option[scored.candidate.name]
                 )
-                members = scored.model.space.to_si(scored.starts)[: self.settings.n_start].tolist()
+                # At the wide levels more starts cost next to nothing, and one of them is near.
+                most = self.settings.n_start if near is not None else None
+                members = scored.model.space.to_si(scored.starts)[:most].tolist()
                 starts = tuple(dict(zip(scored.model.names, row, strict=True)) for row in members)
                 found.append(Promise(change, scored.drop, starts, near is None))
             found += [self._moved(one, change, values, near) for change in numbers]

@@ -28,7 +28,7 @@ class ChangeSettings:
         most: changes that are named, at most [-].
         most_of_table: the same from natural frequencies alone, of which each change takes one or more [-].
         n_refit: changes that are refitted, those that promise most [-].
-        n_start: starts of each [-].
+        n_start: starts of each at the sharp level [-].
         n_grid: values of a parameter's interval that are tried [-].
         n_library: places and sizes of an effect that are tried on a table [-].
         n_turn: times that the reference's uncertainty is taken anew about where a fit has come to [-].
