@@ -270,6 +270,20 @@ def test_a_mass_is_found_from_its_mirror_image():
 
 
 @pytest.mark.check
+def test_a_change_without_a_number_is_tried_from_afar_too():
+    """A channel is turned or not."""
+    comparing, _, _ = lightened()
+    channels = {"channels": ((None, plate().reference[0]),)}
+    turned = Change(
+        "channel_polarity", "turned", Candidate(CATALOGUE["channel_polarity"](**channels), channels, {}, {})
+    )
+    (start,), left = comparing.after.down([turned], [{}])
+    _, without = comparing.after.down([], [{}])
+    assert start == {}
+    assert left > 2 * without > 0
+
+
+@pytest.mark.check
 def test_beside_the_axis_every_start_is_gone_from():
     """The best three of a few values at each place were far from the mass; one of eight was near."""
     comparing, _, _ = lightened()

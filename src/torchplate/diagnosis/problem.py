@@ -49,7 +49,7 @@ class Problem:
 
     def residual(self, position: Float[Tensor, "*batch n"], level: int) -> Float[Tensor, "*batch n_residual"]:
         """Deviations at a level; at the sharp one with those from what is known beforehand."""
-        rows = position.reshape(-1, position.shape[-1])
+        rows = position.reshape(position.shape[:-1].numel(), position.shape[-1])
         if len(rows) <= self._at_once(level) or transformed():
             theta = self.model.space.to_si(position)
             return self.deviations(self.predict(theta, level), theta, level)
