@@ -121,6 +121,9 @@ def test_too_few_lines_for_resonances_are_still_seen_from_afar(lab, plate, true)
     assert parts[int(value.argmin())] == pytest.approx(1.0, abs=0.05)
 
 
+AS_MEASURED = replace(SETTINGS, wide=replace(SETTINGS.wide, as_measured=True))
+
+
 @pytest.mark.parametrize("band", [(2.0, 200.0), (20.0, 200.0)])
 @pytest.mark.parametrize("n_line", [80, 3200])
 def test_no_line_beside_the_axis_counts_more_than_what_was_measured_there(lab, band, n_line):
@@ -132,7 +135,7 @@ def test_no_line_beside_the_axis_counts_more_than_what_was_measured_there(lab, b
     part = torch.ones(2, 1, 1, dtype=torch.complex128)
     resonances = Resonances(pole, part, part, band, torch.ones(2, dtype=torch.bool))
     noise = Noise(std, 0.1, (), torch.zeros_like(std), resonances)
-    here = FrfTarget(measured, noise, torch.zeros(1, 1, dtype=torch.bool))
+    here = FrfTarget(measured, noise, torch.zeros(1, 1, dtype=torch.bool), settings=AS_MEASURED)
     step = (band[1] - band[0]) / (n_line - 1)
     for level in here.smoothing.levels:
         for low in torch.linspace(band[0], 0.9 * band[1], 12).tolist():
@@ -154,7 +157,8 @@ def test_what_is_known_beforehand_weighs_as_much_of_what_was_measured(lab):
     theta = torch.tensor([2700.0], dtype=torch.float64)
     frf = plate.frf(theta, frequency)
     measured = lab.measured(frequency, frf, plate.response, plate.reference)
-    here = FrfTarget(measured, noise_level(measured), torch.zeros(frf.shape[1:], dtype=torch.bool))
+    nobody = torch.zeros(frf.shape[1:], dtype=torch.bool)
+    here = FrfTarget(measured, noise_level(measured), nobody, settings=AS_MEASURED)
     problem = Problem(ModelBuilder(plate, here, as_given=True), plate, {"plate.density": (2600.0, 100.0)})
     for level in range(here.levels - 1):
         found = problem.residual(plate.space.to_cube(theta)[None], level)[0]

@@ -86,7 +86,7 @@ class Smoothing:
         These lie closer the lower they are. Below the first modes there may be twenty of them between two that were
         measured, and what resonances make of a peak there would count twenty times.
         """
-        if len(frequency) < 2:
+        if len(frequency) < 2 or not self.settings.as_measured:
             return torch.ones_like(frequency)
         step = torch.gradient(self.frequency)[0]
         nearest = torch.searchsorted(self.frequency.contiguous(), frequency.contiguous()).clamp(max=len(step) - 1)

@@ -160,7 +160,12 @@ def target_of(test: PlateTest, seed: int) -> FrfTarget:
     measurement = test.measurement
     assert measurement is not None
     noise = noise_level(measurement, test.n_average)
-    return FrfTarget(measurement, noise, held_out(measurement.measured, seed), test.gain_is_unknown, test.imperfections)
+    found = FrfTarget(
+        measurement, noise, held_out(measurement.measured, seed), test.gain_is_unknown, test.imperfections
+    )
+    # Of a reference hardly anything is left but what the first lines say of a suspension, which must not hide a change.
+    settings = found.settings
+    return replace(found, settings=replace(settings, wide=replace(settings.wide, as_measured=True)))
 
 
 def _begun(

@@ -75,6 +75,7 @@ class WideLevels:
         most_mixed: FRFs that are looked at, at most [-]: more are mixed to so many.
         told: a parameter off by its standard deviation weighs as much as this part of all that is measured [-].
         screened: the level at which candidates are scored where peaks do not overlap, counted from 0 [-].
+        as_measured: whether a line counts no more than what was measured there [-].
     """
 
     widths: tuple[float, ...] = (0.05, 0.02, 0.007)
@@ -88,6 +89,7 @@ class WideLevels:
     most_mixed: int = 10
     told: float = 0.05
     screened: int = 1
+    as_measured: bool = False
 
 
 @dataclass(frozen=True)
