@@ -18,6 +18,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.selection.criterion import is_explained
+from torchplate.diagnosis.settings import SETTINGS as SETTINGS_OF_TESTS
 from torchplate.diagnosis.settings import Fineness
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.tolerance import with_tolerances
@@ -160,12 +161,10 @@ def target_of(test: PlateTest, seed: int) -> FrfTarget:
     measurement = test.measurement
     assert measurement is not None
     noise = noise_level(measurement, test.n_average)
-    found = FrfTarget(
-        measurement, noise, held_out(measurement.measured, seed), test.gain_is_unknown, test.imperfections
-    )
     # Of a reference hardly anything is left but what the first lines say of a suspension, which must not hide a change.
-    settings = found.settings
-    return replace(found, settings=replace(settings, wide=replace(settings.wide, as_measured=True)))
+    settings = replace(SETTINGS_OF_TESTS, wide=replace(SETTINGS_OF_TESTS.wide, as_measured=True))
+    out = held_out(measurement.measured, seed)
+    return FrfTarget(measurement, noise, out, test.gain_is_unknown, test.imperfections, settings=settings)
 
 
 def _begun(
