@@ -16,6 +16,7 @@ from torchplate.diagnosis.change.comparison import Comparing, Promise, State, wa
 from torchplate.diagnosis.change.flow import comparing_of
 from torchplate.diagnosis.change.posterior import Weighed, chance
 from torchplate.diagnosis.change.settings import SETTINGS
+from torchplate.diagnosis.change.settling import End
 from torchplate.diagnosis.change.table import _both_ways, _tables
 from torchplate.diagnosis.selection.criterion import is_noise
 from torchplate.diagnosis.settings import SETTINGS as DIAGNOSIS
@@ -198,6 +199,7 @@ def test_two_tests_of_an_unchanged_plate_are_consistent():
     assert not found.effects
 
 
+@functools.cache
 def warmed() -> Comparing:
     """Two tests of an unchanged plate that loses little, the second two kelvin warmer."""
     light = {"loss.stiffness_loss_factor": 1e-3, "wires.viscous_damping": 0.1}
@@ -304,6 +306,68 @@ def test_a_hopeless_change_is_not_followed():
         comparing.after.fit([change], [wrong], hopeless=hopeless)
         count.append(comparing.after.builder.n_evaluation - begun)
     assert count[1] < 0.7 * count[0]
+
+
+@pytest.mark.check
+def test_what_the_reference_leaves_open_hangs_on_no_rounding():
+    """Parameters and modes of their own make one change of sharp peaks between them, and what is left is the error."""
+    after = warmed().after
+    one = after.hypothesis([])
+    for size in (0.0, 1.0):
+        drift = torch.full((one.n_drift,), size, dtype=torch.float64)
+        held = [after.judged(one, NOBODY, None, drift + step).held for step in (0.0, 1e-13)]
+        assert held[1] == pytest.approx(held[0], abs=0.1)
+
+
+@pytest.mark.check
+def test_starts_that_end_at_one_place_are_gone_on_from_once(monkeypatch):
+    comparing, change, _ = lightened()
+    near = {f"one.{key}": value for key, value in LUMP[1].items()}
+    none = comparing.none()
+    sharply, gone_on = After._sharply, []
+
+    def counted(self, *given, **named):
+        gone_on.append(named.get("drifts", False))
+        return sharply(self, *given, **named)
+
+    monkeypatch.setattr(After, "_sharply", counted)
+    comparing.after.fit([change], [near] * 3, none.nuisances)
+    assert gone_on[:5] == [False, False, False, True, True]
+    assert len(gone_on) <= 3 + SETTINGS.n_turn
+
+
+@pytest.mark.check
+def test_a_change_that_cannot_come_near_the_best_need_not_settle():
+    """Far beyond reach it ends after its first steps; within reach it ends as if there were no other."""
+    comparing = warmed()
+    comparing.none()
+    box = comparing.given.searched["plate.youngs_modulus"]
+    change = Change("plate.youngs_modulus", "plate", interval=box, before=TRUE["plate.youngs_modulus"])
+    start = {"plate.youngs_modulus": TRUE["plate.youngs_modulus"]}
+    count, held = [], []
+    for beat in (math.inf, -1e9):
+        begun = comparing.after.builder.n_evaluation
+        held.append(comparing.after.fit([change], [start], beat=beat).nuisances.held)
+        count.append(comparing.after.builder.n_evaluation - begun)
+    assert count[1] < 0.7 * count[0]
+    assert held[1] > held[0]
+
+
+@pytest.mark.check
+def test_channels_that_are_less_probable_than_those_before_are_not_put_in(monkeypatch):
+    """Far off their marks they are not linear: what was said of them anew led from noise to a hundred times that."""
+    after = lightened()[0].after
+    one, seen, asked = after.hypothesis([]), End.from_each_other.fget, []
+
+    def then_afar(end):
+        found = seen(end)
+        asked.append(end)
+        return found if len(asked) == 1 else found._replace(response=20 + 0 * found.response)
+
+    monkeypatch.setattr(End, "from_each_other", property(then_afar))
+    found = after.settled(one, after.judged(one, NOBODY, None))
+    assert len(asked) == 2
+    assert found is asked[1]
 
 
 @pytest.mark.check

@@ -273,7 +273,7 @@ def judged_beside(
     n = len(model.names)
     if n and said:
         here = over_noise(position)
-        jacobian = JACOBIANS["forward"].differentiate(over_noise, position[None], here[None])[0]
+        jacobian = JACOBIANS["central"].differentiate(over_noise, position[None], here[None])[0]
         information = marginal.precision(jacobian.mT, judged)
     else:
         information = position.new_zeros(n, n)

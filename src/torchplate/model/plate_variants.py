@@ -108,6 +108,8 @@ class PlateVariants(DeclaredPlate):
     def with_damping_factors(self: Kind, factor: Float[Tensor, " n_mode"] | None) -> Kind:
         """The same model, each mode's damping a number of times what its law makes of it: no plate obeys one exactly.
 
+        Gradients hold the modes to which that is added as they are; differences see them turn, too.
+
         Args:
             factor: of the lowest modes [-], ≥ 0; modes beyond keep theirs. None where all obey the law.
 

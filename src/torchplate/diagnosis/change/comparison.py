@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -16,7 +16,14 @@ from torchplate.diagnosis.change.hypothesis import Hypothesis, as_the_specimen
 from torchplate.diagnosis.change.posterior import Choice, Weighed, chance, choose
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.problem import Problem
-from torchplate.diagnosis.selection.criterion import evidence, is_explained, is_noise, tempered, weight_of
+from torchplate.diagnosis.selection.criterion import (
+    evidence,
+    is_explained,
+    is_noise,
+    never_equivalent,
+    tempered,
+    weight_of,
+)
 from torchplate.diagnosis.selection.screen import screen
 from torchplate.discrepancy import Marginal
 from torchplate.model import PlateModel
@@ -118,7 +125,7 @@ class Comparing:
                 continue
             least = min((one.reduced_misfit for one in fits.values()), default=math.inf)
             limit = target.settings.selecting.hopeless_rival * least
-            found = self.after.fit([*state.changes, change], starts, begun, limit)
+            found = self.after.fit([*state.changes, change], starts, begun, limit, _within_reach(ended.values()))
             self.say(f"  {change.name}: misfit {found.fit.reduced_misfit:.4g}")
             fits[change.key], ended[change.key], tried[change.key] = found.fit, found, change
         if not fits:
@@ -159,7 +166,7 @@ class Comparing:
             changes_then = [*state.changes, one]
             # What is stiff and not rigid weighs more than its mass, by more than peaks are wide.
             afar, _ = self.after.down(changes_then, [start])
-            found = self.after.fit(changes_then, [start, *afar], there.nuisances, limit)
+            found = self.after.fit(changes_then, [start, *afar], there.nuisances, limit, _within_reach([there]))
             self.say(f"  {one.name}, where {larger.name} has ended: misfit {found.fit.reduced_misfit:.4g}")
             yield one, found
 
@@ -344,6 +351,11 @@ class Comparing:
         went = dict(zip(model.names, model.space.to_si(place).tolist(), strict=True))
         drop = go * go * size / max(float(residual[0].square().sum()), 1e-300)
         return drop, [went, dict(before)]
+
+
+def _within_reach(ended: Iterable[Ended]) -> float:
+    """`Nuisances.held` of what could still be named beside the best of some ends."""
+    return min((one.nuisances.held + never_equivalent(one.fit) for one in ended), default=math.inf)
 
 
 def _contained(change: Change) -> Collection[str]:

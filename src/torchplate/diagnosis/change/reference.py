@@ -215,7 +215,7 @@ def all_columns(
         return torch.view_as_real(found.resolve_conj()).flatten(-4)
 
     here = along(position[index])
-    slope = JACOBIANS["forward"].differentiate(along, position[index][None], here[None])[0]
+    slope = JACOBIANS["central"].differentiate(along, position[index][None], here[None])[0]
     shape = (*terms.shape[:-1], 2, len(names))
     parts = torch.view_as_complex(slope.reshape(shape).movedim(-1, -2).contiguous())
     return torch.cat([parts, terms], dim=-1)
