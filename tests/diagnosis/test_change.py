@@ -20,6 +20,7 @@ from torchplate.diagnosis.change.settling import End
 from torchplate.diagnosis.change.table import _both_ways, _tables
 from torchplate.diagnosis.selection.criterion import is_noise
 from torchplate.diagnosis.settings import SETTINGS as DIAGNOSIS
+from torchplate.discrepancy import Marginal
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import Channel, Imperfections, Measurement, NaturalFrequencies
 from torchplate.model import PlateModel, Searched, extrapolate, ritz_basis
@@ -368,6 +369,47 @@ def test_channels_that_are_less_probable_than_those_before_are_not_put_in(monkey
     found = after.settled(one, after.judged(one, NOBODY, None))
     assert len(asked) == 2
     assert found is asked[1]
+
+
+@pytest.mark.check
+def test_no_plate_drifts_by_more_than_ten_standard_deviations(monkeypatch):
+    after = warmed().after
+    here = after.judged(after.hypothesis([]), NOBODY, None)
+    far = torch.linspace(-40.0, 40.0, len(here.put_in)).to(here.put_in)
+    monkeypatch.setattr(Marginal, "towards", lambda *_: (far, None))
+    channels, drift = after._towards(here.marginal, here.off, 0.0)
+    assert channels is None
+    assert drift.tolist() == [max(-10.0, min(10.0, value)) for value in far.tolist()]
+
+
+@pytest.mark.check
+def test_a_drift_whose_misfit_still_falls_is_not_lost():
+    """One that halves with every round is on its way."""
+    after = lightened()[0].after
+    far = after.judged(after.hypothesis([]), NOBODY, None)
+    assert after._is_lost(far)
+    assert after._is_lost(far, far)
+    before = after.judged(after.hypothesis([]), NOBODY, None)
+    before.__dict__["fit"] = far.fit._replace(judged=far.fit.judged._replace(white=2 * far.fit.judged.white))
+    assert not after._is_lost(far, before)
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("sure", [True, False])
+def test_changes_are_tried_beside_what_was_found_only_where_hardly_more_than_noise_is_left(monkeypatch, sure):
+    """Channels and a drift take on what is missing, and hide it."""
+    comparing = warmed() if sure else lightened()[0]
+    none = comparing.none()
+    assert (none.fit.reduced_misfit < 2.5) == sure
+    moved, asked = After.moved, []
+
+    def counted(self, *given):
+        asked.append(given)
+        return moved(self, *given)
+
+    monkeypatch.setattr(After, "moved", counted)
+    comparing._tried(none)
+    assert bool(asked) == sure
 
 
 @pytest.mark.check

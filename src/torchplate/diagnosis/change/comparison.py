@@ -271,7 +271,8 @@ class Comparing:
         values = state.values
         plain = after.hypothesis(state.changes, [values], by_element=True)
         sure = state.fit.reduced_misfit <= target.settings.screening.nearly_right
-        one = after.moved(plain, state.nuisances.channels, state.nuisances.drift if sure else None)
+        # Where more than noise is left, they have taken on what is missing.
+        one = after.moved(plain, state.nuisances.channels, state.nuisances.drift) if sure else plain
         theta = state.fit.theta
         screening = target.settings.screening
         sharply = float(target.gap(state.fit.prediction)) < screening.overlapping

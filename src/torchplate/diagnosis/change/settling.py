@@ -143,9 +143,9 @@ class Settling(Hypotheses):
         settings, fitting = self.reference.settings, self.builder.target.settings.fitting
         if here.channels is None or here.drift is None:
             here = self.judged(one, here.place, here.channels or here.at_their_marks, here.put_in)
-        damping = 0.0
+        before, damping = here, 0.0
         for turn in range(settings.n_settled):
-            if turn >= settings.n_turn and self._is_lost(here):
+            if turn >= settings.n_turn and self._is_lost(here, before):
                 break
             before = here
             here, damping = self._a_step(one, before, damping)
@@ -192,16 +192,24 @@ class Settling(Hypotheses):
             damping = max(1.0, 10 * damping)
         return here, damping
 
-    def _is_lost(self, here: End) -> bool:
-        """Whether far more than noise is left: a drift that was right would not leave it."""
-        return here.fit.reduced_misfit > self.builder.target.settings.screening.nearly_right
+    def _is_lost(self, here: End, before: End | None = None) -> bool:
+        """Whether far more than noise is left, no longer falling: a drift that was right would not leave it.
+
+        Args:
+            here: where it has come to.
+            before: the step before; None where it has ended.
+        """
+        settings, left = self.builder.target.settings, here.fit.reduced_misfit
+        still = before is not None and left <= settings.fitting.falling * before.fit.reduced_misfit
+        return left > settings.screening.nearly_right and not still
 
     def _towards(
         self, marginal: Marginal, off: Complex[Tensor, "n_frequency n_response n_reference"], damping: float
     ) -> tuple[OfChannels | None, Float[Tensor, " n_drift"]]:
         """Channels and drift after one of Levenberg's steps."""
+        farthest = self.builder.target.settings.fitting.farthest
         drift, channels = marginal.towards(off, damping)
-        return None if channels is None else channels.within(self.builder.target.settings.fitting.farthest), drift
+        return None if channels is None else channels.within(farthest), drift.clamp(-farthest, farthest)
 
     def _ahead(self, one: Hypothesis, here: End) -> tuple[float, OfChannels | None, Float[Tensor, " n_drift"]]:
         """What is lowest by the columns of where one is: the fall until there, channels and drift.
