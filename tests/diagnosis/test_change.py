@@ -337,21 +337,40 @@ def test_starts_that_end_at_one_place_are_gone_on_from_once(monkeypatch):
     assert len(gone_on) <= 3 + SETTINGS.n_turn
 
 
+def falling(monkeypatch, much: float) -> list[int]:
+    """Steps of what settles that each fall by so much and leave as much misfit, and an entry for each that is taken."""
+    taken = []
+
+    def step(_, one, here, damping):
+        taken.append(1)
+        there = dataclasses.replace(here)
+        there.__dict__.update(held=here.held - much, fit=here.fit)
+        return there, damping
+
+    monkeypatch.setattr(After, "_a_step", step)
+    return taken
+
+
 @pytest.mark.check
-def test_a_change_that_cannot_come_near_the_best_need_not_settle():
-    """Far beyond reach it ends after its first steps; within reach it ends as if there were no other."""
-    comparing = warmed()
-    comparing.none()
-    box = comparing.given.searched["plate.youngs_modulus"]
-    change = Change("plate.youngs_modulus", "plate", interval=box, before=TRUE["plate.youngs_modulus"])
-    start = {"plate.youngs_modulus": TRUE["plate.youngs_modulus"]}
-    count, held = [], []
-    for beat in (math.inf, -1e9):
-        begun = comparing.after.builder.n_evaluation
-        held.append(comparing.after.fit([change], [start], beat=beat).nuisances.held)
-        count.append(comparing.after.builder.n_evaluation - begun)
-    assert count[1] < 0.7 * count[0]
-    assert held[1] > held[0]
+def test_a_change_that_cannot_come_near_the_best_need_not_settle(monkeypatch):
+    comparing, change, _ = lightened()
+    near = {f"one.{key}": value for key, value in LUMP[1].items()}
+    none = comparing.none()
+    resting, told = After.resting, []
+
+    def counted(self, one, here, beat, **named):
+        told.append((here, beat))
+        return resting(self, one, here, beat, **named)
+
+    monkeypatch.setattr(After, "resting", counted)
+    comparing.after.fit([change], [near], none.nuisances, beat=-1e9)
+    assert all(beat == -1e9 for _, beat in told)
+    one, here = comparing.after.hypothesis([change], [near]), told[0][0]
+    monkeypatch.setattr(After, "_is_lost", lambda *_: False)
+    for beat, n_step in ((-1e9, 1), (math.inf, SETTINGS.n_settled)):
+        taken = falling(monkeypatch, 10.0)
+        comparing.after._rested(one, here, beat)
+        assert len(taken) == n_step
 
 
 @pytest.mark.check
@@ -415,21 +434,13 @@ def test_changes_are_tried_beside_what_was_found_only_where_hardly_more_than_noi
 @pytest.mark.check
 def test_no_drift_is_settled_where_far_more_than_noise_is_left(monkeypatch):
     """A mass that is missing is no drift, and what a drift makes of it goes on for ever."""
-    comparing, _, _ = lightened()
-    made = []
-    marginal = After.marginal
-
-    def counted(self, *given):
-        made.append(1)
-        return marginal(self, *given)
-
-    monkeypatch.setattr(After, "marginal", counted)
-    for lost in (After._is_lost, lambda *_: False):
-        monkeypatch.setattr(After, "_is_lost", lost)
-        comparing.none()
-        made.append(0)
-    first = made.index(0)
-    assert 0 < first < 0.7 * (len(made) - first - 2)
+    after = lightened()[0].after
+    one = after.hypothesis([])
+    far = after.judged(one, NOBODY, None)
+    assert far.fit.reduced_misfit > 100
+    taken = falling(monkeypatch, 1e4)
+    after._rested(one, far)
+    assert len(taken) == SETTINGS.n_turn < SETTINGS.n_settled
 
 
 @pytest.mark.check
