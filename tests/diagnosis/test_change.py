@@ -375,7 +375,7 @@ def test_a_change_that_cannot_come_near_the_best_need_not_settle(monkeypatch):
 
 @pytest.mark.check
 def test_channels_that_are_less_probable_than_those_before_are_not_put_in(monkeypatch):
-    """Far off their marks they are not linear: what was said of them anew led from noise to a hundred times that."""
+    """Far off their marks they are not linear: what was said of them anew led away for good."""
     after = lightened()[0].after
     one, seen, asked = after.hypothesis([]), End.from_each_other.fget, []
 

@@ -110,7 +110,7 @@ class Fitting:
         n_basis: bases built for one fit [-].
         settled: relative change of the misfit at which the last basis is good [-].
         falling: where the misfit still falls to this part with each basis [-], there are more of them: nuisances are
-            linear about where each begins.
+            linear about where each begins. A drift between two tests is followed as long, too.
         most_bases: built then, at most [-].
         n_settled: times that a fit goes on beside nuisances as they are found [-].
         smaller: part of what was said that a nuisance has to be for that [-].
@@ -127,8 +127,8 @@ class Fitting:
         patience: parts in which such a way has to become more probable by `far` of what it is off [-].
         still: part by which FRFs may move before what a specimen does to them is found anew [-]: a step of least
             squares errs by no more than its Jacobian.
-        farthest: a term of a section is put into the model with so many standard deviations at most [-]: a twentieth
-            of its thickness.
+        farthest: a term of a section, a channel or a drift is put into the model with so many standard deviations at
+            most [-]: a twentieth of its thickness.
     """
 
     n_iteration: int = 12
