@@ -78,19 +78,19 @@ class After(Settling):
         channels, drift = (None, None) if begun is None else (begun.channels, begun.drift)
         ends = []
         for place in places[: len(places) if names else 1]:
-            ends.append(self._sharply(one, place, channels, drift, hopeless, n_turn=1))
+            ends.append(self._sharply(one, self.judged(one, place, channels, drift), hopeless, n_turn=1))
         ends = self._distinct(ends)
         if ends[0].fit.reduced_misfit > hopeless:
             return self._ended(ends[0])
         if begun is None:
-            ends[0] = self._sharply(one, ends[0].place, ends[0].channels, ends[0].drift, hopeless)
+            ends[0] = self._sharply(one, ends[0], hopeless)
             # A drift is put in once what has changed is nearly where it belongs: before, it would stand in for it.
             # Channels that have taken on what a drift leaves hold it where it is: it is gone on from both.
             ends = sorted([ends[0], *self._drifting(one, ends[0])], key=lambda end: end.held)
         settled: list[End] = []
         for end in ends:
             lowest = min((other.held for other in settled), default=beat)
-            settled.append(self._sharply(one, end.place, end.channels, end.drift, drifts=True, beat=min(beat, lowest)))
+            settled.append(self._sharply(one, end, drifts=True, beat=min(beat, lowest)))
         best = min(settled, key=lambda end: end.fit.cost)
         if not names:
             return self._ended(best)
@@ -98,9 +98,9 @@ class After(Settling):
             # In a basis of where it has come to.
             values = dict(zip(names, best.fit.theta.tolist(), strict=True))
             there = self.taken_off_at(changes, values)
-            again = there._sharply(
-                there.hypothesis(changes, [values]), best.place, best.channels, best.drift, drifts=True, beat=beat
-            )
+            anew = there.hypothesis(changes, [values])
+            begin = there.judged(anew, best.place, best.channels, best.drift)
+            again = there._sharply(anew, begin, drifts=True, beat=beat)
             moved = float((again.place - best.place).abs().max())
             fallen = best.fit.cost - again.fit.cost
             best = again
@@ -148,9 +148,7 @@ class After(Settling):
     def _sharply(
         self,
         one: Hypothesis,
-        place: Float[Tensor, " n"],
-        channels: OfChannels | None = None,
-        drift: Float[Tensor, " n_drift"] | None = None,
+        here: End,
         hopeless: float = math.inf,
         drifts: bool = False,
         beat: float = math.inf,
@@ -165,19 +163,16 @@ class After(Settling):
 
         Args:
             one: the hypothesis.
-            place: from where.
-            channels: what each has of its own; None for nothing.
-            drift: of the plate since the reference; None for none.
+            here: from where.
             hopeless: misfit from which on a way is not followed to its end [-].
             drifts: whether the drift is to settle.
             beat: −2 ln p of another end: a drift that settles too slowly to get there need not.
             n_turn: at most; None for as many as are usual.
         """
         target, fitting = self.builder.target, self.builder.target.settings.fitting
-        here = self.judged(one, place, channels, drift)
         for turn in range(n_turn or self.reference.settings.n_turn):
             before, begun, last = here.fit.cost, here, here.held
-            if len(place):
+            if len(here.place):
                 problem = Problem(self.builder, here.about.reduced, {}, here.marginal)
                 to, half, _ = problem.descend(here.place[None], target.levels - 1, fitting.n_iteration)
                 worth_it = here.fit.square - 2 * float(half[0]) >= fitting.little
