@@ -114,6 +114,8 @@ class Killing:
         from torchplate.cli.config.build import load_model
         from torchplate.measurement import SI_UNIT, Channel, Measurement
 
+        # The same measurement, to the last digit, however many threads its command will have.
+        torch.set_num_threads(1)
         hidden = {"hidden": {"effect": "point_mass", "x": 0.31, "y": 0.68, "mass": 0.03}}
         truth = json.loads(json.dumps(PLATE))
         truth["effects"]["plate"]["youngs_modulus"] = TRUTH

@@ -1,7 +1,8 @@
-"""A diagnosis makes the same descents, to the last bit, whatever memory and order its process happens to be given."""
+"""A diagnosis makes the same descents, to the last bit, whatever memory, order and threads its process is given."""
 
 import ast
 import importlib.util
+import json
 import os
 import subprocess
 import sys
@@ -18,11 +19,13 @@ import pathlib, sys
 import killing
 killing.DIAGNOSED = killing.WHOLE
 killing.without_rendering()
-killing.Killing("diagnose", pathlib.Path(sys.argv[1]), 0)
+killing.Killing(sys.argv[1], pathlib.Path(sys.argv[2]), 0, 15)
 """
 # glibc fills what is allocated and freed with these bytes; blocks of any size come from the heap, where they were
 # others before. Sets of words have another order. Elsewhere than with glibc only the last differs.
 OTHERWISE = {"MALLOC_PERTURB_": "165", "MALLOC_MMAP_THRESHOLD_": str(2**30), "PYTHONHASHSEED": "77"}
+# Of torch and of SciPy's OpenBLAS.
+ONE_THREAD, TWO_THREADS = ({"OMP_NUM_THREADS": n, "OPENBLAS_NUM_THREADS": n} for n in ("1", "2"))
 
 
 @pytest.fixture(scope="module")
@@ -75,17 +78,38 @@ def test_least_squares_are_solved_by_singular_values():
     assert [name for name, options in found if options.get("driver") != "'gelsd'"] == []
 
 
+def alone(verb: str, folder: Path, others: dict[str, str]) -> None:
+    """A whole command, in a process with an environment of its own."""
+    folder.mkdir()
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(FOLDER), os.environ.get("PYTHONPATH", "")])} | others
+    command = [sys.executable, "-c", ALONE, verb, str(folder)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.check
 def test_a_diagnosis_hangs_on_nothing_that_a_process_happens_to_have(tmp_path):
     trails = []
-    for name, others in (("one", {"PYTHONHASHSEED": "1"}), ("other", OTHERWISE)):
-        (tmp_path / name).mkdir()
-        environment = (
-            os.environ | {"PYTHONPATH": os.pathsep.join([str(FOLDER), os.environ.get("PYTHONPATH", "")])} | others
-        )
-        command = [sys.executable, "-c", ALONE, str(tmp_path / name)]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
+    for name, others in (("one", {"PYTHONHASHSEED": "1"} | ONE_THREAD), ("other", OTHERWISE | TWO_THREADS)):
+        alone("diagnose", tmp_path / name, others)
         trails.append((tmp_path / name / "whole_differential_evolution.descents").read_text().splitlines())
     assert len(trails[0]) > 50
     assert trails[0] == trails[1]
+
+
+@pytest.mark.check
+def test_a_run_says_the_same_digits_on_one_thread_and_on_two(tmp_path):
+    """Sums of a whole generation are made in another order: the last of sixteen digits, and none that is printed."""
+    for name, others in (("one", ONE_THREAD), ("two", TWO_THREADS)):
+        alone("run", tmp_path / name, others)
+    for search in ("differential_evolution", "artificial_bee_colony"):
+        one, two = (tmp_path / name / f"whole_{search}" for name in ("one", "two"))
+        tables = [
+            [line for line in (folder / "report.md").read_text().splitlines() if line.startswith("|")]
+            for folder in (one, two)
+        ]
+        assert len(tables[0]) > 5
+        assert tables[0] == tables[1]
+        values = [json.loads((folder / "result.json").read_text())["parameters"] for folder in (one, two)]
+        for label, found in values[0].items():
+            assert values[1][label]["value"] == pytest.approx(found["value"], rel=1e-12)

@@ -14,7 +14,7 @@
   the ways down; `judged`: it beside noise and nuisances; `basins`: where it begins when nothing is known.
 - `localisation`: where the misfit sits: in frequency, in the channels, on the plate, and of which kind it is.
 - `field`: where nothing of the catalogue accounts for what is left, a map without a name.
-- `freed_memory`: goes back to the system before much more is taken.
+- `freed_memory`: goes back to the system before much more is taken; `one_thread`: is all that any of this takes.
 - `assurance`: FRAC, CSAC, CSF and FDAC of what was measured with a model.
 - `next_measurement`: the cheapest measurement that would part equivalents.
 - `summary`: what is said of all this; `before_and_after`: of any two fits of one test; `naming`: of an effect that is
@@ -28,6 +28,7 @@ from torchplate.diagnosis.candidates.catalogue import channels_of
 from torchplate.diagnosis.change import PlateTest, what_changed
 from torchplate.diagnosis.flow import diagnose
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.one_thread import one_thread
 from torchplate.diagnosis.result import (
     FIRST_REFIT,
     ChannelGap,
@@ -74,5 +75,6 @@ __all__ = [
     "fdac_frequency",
     "fitted_table",
     "frac_by_channel",
+    "one_thread",
     "what_changed",
 ]

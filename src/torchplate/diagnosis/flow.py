@@ -7,6 +7,7 @@ import torch
 
 from torchplate.diagnosis.field import with_field
 from torchplate.diagnosis.holdout import held_out
+from torchplate.diagnosis.one_thread import one_thread
 from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.selection.criterion import is_explained
 from torchplate.diagnosis.selection.forward import ForwardSelection
@@ -18,6 +19,7 @@ from torchplate.measurement import Imperfections, Measurement, NaturalFrequencie
 from torchplate.model import PlateModel
 
 
+@one_thread()
 @torch.no_grad()
 def diagnose(
     model: PlateModel,
@@ -33,6 +35,8 @@ def diagnose(
     say: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
     """Find where a model and a measurement disagree, name what is missing, add it, and show the gap shrink.
+
+    Torch has one thread meanwhile: more are slower here, and digits would hang on how many there are.
 
     Args:
         model: the model as it is believed; its searched parameters are fitted, its numbers are not. All is done on the

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import torch
 
-from torchplate.diagnosis import SETTINGS, DiagnosisSettings, Doubt, ForwardSelection, FrfTarget
+from torchplate.diagnosis import SETTINGS, DiagnosisSettings, Doubt, ForwardSelection, FrfTarget, one_thread
 from torchplate.measurement import Imperfections, Measurement, noise_level
 from torchplate.model import PlateModel
 from torchplate.planning.bench import Bench
@@ -23,6 +23,7 @@ N_CONFIRMED = 4
 N_DRAW = 2000
 
 
+@one_thread()
 @torch.no_grad()
 def plan(
     model: PlateModel,

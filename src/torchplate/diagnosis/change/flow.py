@@ -15,6 +15,7 @@ from torchplate.diagnosis.change.table import tables_changed
 from torchplate.diagnosis.holdout import held_out
 from torchplate.diagnosis.lines import about_peaks
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.one_thread import one_thread
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.result import Diagnosis
 from torchplate.diagnosis.selection.criterion import is_explained
@@ -54,6 +55,7 @@ class PlateTest:
     name: str = ""
 
 
+@one_thread()
 @torch.no_grad()
 def what_changed(
     reference: PlateTest,
