@@ -7,8 +7,9 @@ TORCH = 2.13.0
 VENV = .venv
 BIN = $(VENV)/bin
 INSTALL = $(BIN)/pip install -q --no-compile
-# By as many processes as there are cores, where pip takes one. What another Python is meant for does not compile here.
-COMPILE = @$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib >/dev/null || true
+# Who imports a file first compiles it and keeps that: a quarter of what is installed. To compile all takes longer than it
+# saves, and to keep nothing lets each process compile anew.
+export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL = help
 .PHONY: help run diagnose test check audit docs paper blind real chairs load mutants clean
@@ -41,13 +42,11 @@ diagnose: $(VENV)/.run
 # A process for each core takes the tests file by file, with one thread: on small matrices the threads of two pools that
 # share few cores wait for each other.
 test check: export OMP_NUM_THREADS = 1
-# Compiled files are kept: each process would compile six hundred of them anew, and the tests start many.
-test check: export PYTHONDONTWRITEBYTECODE =
 # Of every function its first twenty in each test, not only the first: see tests/conftest.py.
 check: export CHECKED_CALLS = 20
 PARALLEL = -n auto --dist loadfile
 
-test: $(VENV)/.check
+test: $(VENV)/.test
 	$(BIN)/python -m pytest $(PARALLEL)
 
 # Where fits end differs from processor to processor: these hold on each.
@@ -91,7 +90,7 @@ SET ?= I
 STRATUM ?= clean
 CASES ?= 0:
 blind: export OMP_NUM_THREADS = 1
-blind: $(VENV)/.check
+blind: $(VENV)/.test
 	@for set in $(SET); do $(BIN)/python tests/blind --stratum $(STRATUM) --set $$set --out runs/blind/$$set --cases $(CASES) || exit 1; done
 
 real: $(VENV)/.run
@@ -106,7 +105,7 @@ load: $(VENV)/.run
 
 # Of one seed, so that the same ones are drawn again.
 mutants: export OMP_NUM_THREADS = 1
-mutants: $(VENV)/.check
+mutants: $(VENV)/.test
 	$(BIN)/python tests/trust/mutating.py --mutants 214 --seed 1 --write
 
 clean:
@@ -127,17 +126,19 @@ $(VENV)/.torch: constraints.txt
 	esac
 	@touch $@
 
+# Each has what those before it have.
 $(VENV)/.run: $(VENV)/.torch pyproject.toml
 	$(INSTALL) -e . -c constraints.txt
-	$(COMPILE)
 	@touch $@
+
+$(VENV)/.test: $(VENV)/.torch pyproject.toml
+	$(INSTALL) -e '.[test]' -c constraints.txt
+	@touch $@ $(VENV)/.run
 
 $(VENV)/.check: $(VENV)/.torch pyproject.toml
 	$(INSTALL) -e '.[test,check]' -c constraints.txt
-	$(COMPILE)
-	@touch $@ $(VENV)/.run
+	@touch $@ $(VENV)/.run $(VENV)/.test
 
-$(VENV)/.docs: $(VENV)/.check constraints.txt
+$(VENV)/.docs: $(VENV)/.torch pyproject.toml
 	$(INSTALL) -e '.[test,check,docs]' -c constraints.txt
-	$(COMPILE)
-	@touch $@
+	@touch $@ $(VENV)/.run $(VENV)/.test $(VENV)/.check

@@ -17,6 +17,7 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
 
 
+@pytest.mark.check
 def test_the_python_runs(monkeypatch):
     monkeypatch.chdir(ROOT)
     scope: dict[str, object] = {}

@@ -14,6 +14,7 @@ def written() -> str:
     return between(PAGE.read_text(), QUICK)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("title", ["The virtual analyser", "Gradients where modes repeat", "Air around a plate"])
 def test_the_page_has_what_the_command_prints(title: str) -> None:
     for row in TABLES[title]():

@@ -219,6 +219,7 @@ def crash(config: Path, out: Path) -> None:
     raise RuntimeError("no such luck")
 
 
+@pytest.mark.check
 def test_a_case_is_run_and_recorded_and_a_crash_is_one_more_wrong_answer(tmp_path):
     index = chosen("0:", "point_mass")[0]
     records = [run_case("test", index, tmp_path / name, how) for name, how in (("a", fake), ("b", crash))]
@@ -244,6 +245,7 @@ def test_a_case_of_another_stratum_is_run_and_recorded(stratum, tmp_path):
     assert f"{stratum}: rates" in (tmp_path / "table.md").read_text()
 
 
+@pytest.mark.check
 def test_where_springs_and_masses_are_free_a_heavier_plate_is_a_smaller_gain():
     # Not even a spring or a mass beside the plate gives the level a scale, as long as its own number is looked for.
     lines = torch.linspace(5.0, 300.0, 40, dtype=torch.float64)

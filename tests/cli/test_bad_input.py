@@ -252,6 +252,7 @@ class TestResume:
         outcome = command("run", path, "--resume", "--out", bench.folder / "out")
         assert_refused(outcome, "plate.yaml", "--resume", "checkpoint.pt")
 
+    @pytest.mark.check
     def test_from_another_kind_of_device_is_refused(self, bench, make_config, command):
         bench.run(["plate.youngs_modulus"], {"search.n_generation": 1})
         stored = bench.folder / "out" / "checkpoint.pt"
@@ -283,6 +284,7 @@ class TestCompare:
         ]
         assert_refused(command("compare", *folders), "relative_frf_norm", "log_amplitude", "apart")
 
+    @pytest.mark.check
     def test_runs_of_other_parameters_are_refused(self, bench, command):
         folders = [
             bench.run(searched, {"search.n_generation": 1}, searched[-1]).folder
@@ -338,6 +340,7 @@ def test_ctrl_c_says_how_to_go_on(bench, make_config, command, monkeypatch):
     assert "--resume" in stderr
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("optimizer", sorted(OPTIMIZERS))
 def test_every_optimizer_runs_with_its_own_settings_left_out(bench, optimizer):
     changes = {"search": {"optimizer": optimizer, "n_generation": 1, "basis": "full"}}

@@ -121,6 +121,7 @@ def test_a_search_goes_on_in_the_precision_it_began_in(bench, command, monkeypat
     assert command("run", "plate.yaml", "--out", "out", "--resume", *more)[0] == 0
 
 
+@pytest.mark.check
 def test_what_single_precision_found_is_polished_from_its_objective_in_double(bench, monkeypatch):
     begun = []
     own = identification.polished
@@ -137,6 +138,7 @@ def test_what_single_precision_found_is_polished_from_its_objective_in_double(be
     assert given == pytest.approx(again, rel=1e-12)
 
 
+@pytest.mark.check
 def test_a_fine_mesh_without_a_basis_says_what_takes_the_time(bench, make_config, command, monkeypatch):
     monkeypatch.setattr(basis, "reduce", lambda *_: None)
     monkeypatch.setattr(basis, "DENSE", 30)

@@ -43,6 +43,7 @@ def test_a_run_that_fits_says_nothing_but_how_channels_were_matched(bench, make_
     assert remark.startswith("Matched")
 
 
+@pytest.mark.check
 def test_a_level_in_g_is_said_by_run_and_by_diagnose(bench, make_config, monkeypatch):
     bench.measure(gain=1 / 9.80665)
     path = bench.write(make_config(["plate.youngs_modulus"], {"search.n_generation": 1}))

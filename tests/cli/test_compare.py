@@ -153,6 +153,7 @@ def test_tables_hold_the_quartiles_over_the_seeds(seeds, tmp_path):
     assert r"plate.youngs\_modulus [Pa]" in written
 
 
+@pytest.mark.check
 def test_figures_for_paper_are_pdf(two, tmp_path):
     compared(two, tmp_path)
     for name in ("convergence.pdf", "values.pdf"):
@@ -173,6 +174,7 @@ def test_a_folder_of_runs_is_taken_apart_by_plate(seeds, bench, tmp_path):
     assert {path.name for path in (tmp_path / "compared").iterdir()} == {"plate_1", "plate_2"}
 
 
+@pytest.mark.check
 def test_runs_that_are_named_and_of_two_meshes_are_refused(seeds, bench, command):
     fine = bench.run(["plate.youngs_modulus"], {"search.n_generation": 2, "mesh.refine": 2}, "e").folder
     status, _, error = command("compare", seeds[0], fine)
@@ -181,6 +183,7 @@ def test_runs_that_are_named_and_of_two_meshes_are_refused(seeds, bench, command
     assert "apart" in error
 
 
+@pytest.mark.check
 def test_runs_of_other_measurements_are_of_other_plates_and_copied_configs_of_the_same(seeds, bench):
     (bench.folder / "other.npz").write_bytes((bench.folder / "plate.npz").read_bytes())
     other = bench.run(
@@ -194,6 +197,7 @@ def test_runs_of_other_measurements_are_of_other_plates_and_copied_configs_of_th
     ]
 
 
+@pytest.mark.check
 def test_searches_in_another_interval_are_a_line_of_their_own(seeds, bench, tmp_path):
     changes = {"search.n_generation": 4, "effects.plate.youngs_modulus": [1.9e11, 2.2e11]}
     narrow = bench.run(["plate.youngs_modulus"], changes, "narrow").folder

@@ -44,6 +44,7 @@ def _write(folder: Path, effects: dict[str, Any]) -> Path:
     return path
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("name", [name for name in CATALOGUE if name != "plate"])
 def test_every_effect_can_be_written_and_searched(tmp_path, name):
     spec = importlib.util.spec_from_file_location("examples", Path(__file__).parents[1] / "effects" / "conftest.py")

@@ -107,6 +107,7 @@ def test_a_measurement_without_coherence_or_places_is_reported_as_such(name, tmp
     assert figure.startswith(PNG)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("n", [1, 7, 70])
 def test_one_and_many_channels_are_drawn(n, tmp_path):
     one = three_channels()
@@ -127,6 +128,7 @@ def test_one_and_many_channels_are_drawn(n, tmp_path):
     assert len(figure) > 20_000
 
 
+@pytest.mark.check
 def test_a_dead_channel_can_be_drawn(tmp_path):
     whole = three_channels()
     frf = whole.frf.clone()

@@ -28,6 +28,7 @@ def rows(folder):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.check
 def test_finds_the_truth_of_exact_data(bench, truth):
     found = bench.run(SEARCHED, search())
     for name in SEARCHED:
@@ -80,6 +81,7 @@ def test_a_budget_of_evaluations_is_never_exceeded(bench, jacobian):
     assert found.result["status"] == LeastSquaresStatus.budget.value
 
 
+@pytest.mark.check
 def test_repeats_are_searches_of_their_own(bench):
     found = bench.run(SEARCHED, search(n_repeat=3, n_generation=2))
     assert len(found.result["repeats"]["objective"]) == 3

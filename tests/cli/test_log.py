@@ -64,6 +64,7 @@ def searched(bench):
     }
 
 
+@pytest.mark.check
 def test_every_run_names_the_settings_of_every_search_and_fills_in_its_own(searched):
     every = {name for kind in SEARCHES.values() for name in vars(kind())}
     columns, own = {}, {}
@@ -135,6 +136,7 @@ def test_no_curve_is_a_single_dot(searched, bench):
             assert len({point.step for point in read.Scalars(tag)}) > 1, tag
 
 
+@pytest.mark.check
 def test_the_gap_is_a_curve_without_pictures_too(bench):
     """TensorBoard leaves out the outer twentieths of a chart's values: of two points it would show neither."""
     found = bench.run(ONE, {"search.n_generation": 12, "search.tolerance": None, "log.n_figure": 0})
@@ -151,6 +153,7 @@ def test_what_the_settings_led_to_are_the_ends_of_curves_that_are_there(bench):
         assert read.Scalars(tag)[-1].step == found.result["n_evaluation"]
 
 
+@pytest.mark.check
 def test_two_searches_of_one_problem_share_their_charts(searched):
     (asked, other) = (layout(folder) for folder in searched.values())
     assert asked == other
@@ -163,6 +166,7 @@ def test_two_searches_of_one_problem_share_their_charts(searched):
             assert any(re.match(wanted, tag) for tag in tags), wanted
 
 
+@pytest.mark.check
 def test_a_problem_is_the_config_and_what_was_set_in_it_but_for_the_search(bench):
     assert problem_named("plate", ["search.seed=3", "search={seed: 3}", "log.n_figure=0"]) == "plate"
     assert problem_named("plate", ["mesh.refine=2", "measurement.band=[20, 400]"]) == (
@@ -172,6 +176,7 @@ def test_a_problem_is_the_config_and_what_was_set_in_it_but_for_the_search(bench
     assert list(layout(folder)) == ["plate_mesh.refine_2"]
 
 
+@pytest.mark.check
 def test_curves_of_a_problem_are_the_quartiles_over_the_seeds(bench):
     changes = {"search.n_repeat": 5, "search.n_generation": 2, "search.tolerance": None}
     found = bench.run(ONE, changes)
@@ -185,6 +190,7 @@ def test_curves_of_a_problem_are_the_quartiles_over_the_seeds(bench):
             assert curve[-1].value == pytest.approx(np.quantile(over_seeds, part), rel=1e-6)
 
 
+@pytest.mark.check
 def test_repeats_are_curves_of_their_own_with_one_tag(bench):
     found = bench.run(ONE, {"search.n_repeat": 3, "search.n_generation": 2, "search.tolerance": None})
     folders = sorted(path for path in found.folder.iterdir() if path.is_dir())
@@ -197,6 +203,7 @@ def test_repeats_are_curves_of_their_own_with_one_tag(bench):
     assert sorted(ends) == pytest.approx(found.result["repeats"]["objective"], rel=1e-6)  # single precision
 
 
+@pytest.mark.check
 def test_a_folder_that_is_searched_anew_shows_each_repeat_once(bench):
     for _ in range(2):
         folder = bench.run(ONE, {"search.n_repeat": 2, "search.n_generation": 1}).folder

@@ -48,6 +48,7 @@ def interval(config, measurement=None, **search):
     return config
 
 
+@pytest.mark.check
 @pytest.mark.usefixtures("drawn")
 def test_run_takes_a_modal_model_and_shows_its_pairs(bench, modes_file, command):
     path = bench.write(interval(modes_file(), n_generation=8))

@@ -76,6 +76,7 @@ def test_the_channels_come_to_their_places_whatever_the_file_counts_from(where, 
     )
 
 
+@pytest.mark.check
 def test_the_config_runs_and_finds_the_modulus(roved, tmp_path, command, monkeypatch):
     # What is drawn is not asked for here, and takes most of the time.
     monkeypatch.setattr("torchplate.report.run.png", lambda *_: b"")
@@ -100,6 +101,7 @@ def test_the_config_runs_and_finds_the_modulus(roved, tmp_path, command, monkeyp
     assert (tmp_path / "run" / "result.json").is_file()
 
 
+@pytest.mark.check
 def test_the_air_and_a_thickness_that_wanders_are_a_comment_away(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", lambda p: p)
     config = tmp_path / "plate.yaml"
@@ -124,6 +126,7 @@ def test_a_level_in_g_is_not_taken_for_si(roved, tmp_path, command):
     assert "its unit is not believed" in text
 
 
+@pytest.mark.check
 def test_a_file_without_places_takes_a_table(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", None)
     status, _, error = command("new", file, *PLATE, "--out", tmp_path / "plate.yaml")
@@ -139,6 +142,7 @@ def test_a_file_without_places_takes_a_table(roved, tmp_path, command):
     assert recipe.placement(recipe.measurement()).by == "coordinate"
 
 
+@pytest.mark.check
 def test_without_thickness_the_resonances_tell_it(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", lambda p: p)
     status, out, _ = command("new", file, "--material", "aluminium", "--out", tmp_path / "plate.yaml")
@@ -169,6 +173,7 @@ def test_a_material_that_nobody_named_is_told_by_its_resonances(roved, tmp_path,
     assert "as in aluminium: " in out or "as in aluminium; " in out
 
 
+@pytest.mark.check
 def test_guessed_sides_that_the_resonances_do_not_have_are_said_to_be_others(roved, tmp_path, command):
     """Points that keep a margin from the edges say nothing of it: the first run then explains nothing."""
     small = written(roved, tmp_path / "small.uff", lambda p: (0.85 * p[0], 0.85 * p[1], 0.0))
@@ -223,6 +228,7 @@ def test_nodes_that_the_geometry_has_not_are_named(roved, tmp_path, command):
     assert "mesh" not in error
 
 
+@pytest.mark.check
 def test_wood_that_nobody_named_is_told_by_its_resonances(tmp_path, command):
     grain = {"effect": "orthotropy", "young_ratio": 11.0, "shear_factor": 0.9}
     plate = {"effect": "plate", "youngs_modulus": 3.3e9, "poisson_ratio": 0.1, "density": 440.0, "thickness": 0.004}
@@ -245,6 +251,7 @@ def test_wood_that_nobody_named_is_told_by_its_resonances(tmp_path, command):
     assert raw["measurement"]["gain"] == "unknown"
 
 
+@pytest.mark.check
 def test_wood_is_searched_along_and_across_the_grain(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", lambda p: p)
     options = ("--thickness", "0.003", "--material", "spruce", "--mass", "0.17")
@@ -255,6 +262,7 @@ def test_wood_is_searched_along_and_across_the_grain(roved, tmp_path, command):
     assert recipe.raw["effects"]["plate"]["density"] == pytest.approx(449.7, abs=0.1)
 
 
+@pytest.mark.check
 def test_supports_and_edges_come_into_the_model(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", lambda p: p)
     more = ("--supports", "0.021,0", "0.42,0.15", "--edge", "y1=simply_supported")
@@ -265,6 +273,7 @@ def test_supports_and_edges_come_into_the_model(roved, tmp_path, command):
     recipe.model()
 
 
+@pytest.mark.check
 def test_an_edge_that_nobody_said_how_it_is_held_is_a_guess(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", lambda p: p)
     status, printed, _ = command("new", file, *PLATE, "--edge", "x0", "--edge", "y1=free", "--out", tmp_path / "a.yaml")
@@ -330,6 +339,7 @@ def test_what_cannot_be_beside_the_points_is_refused_by_the_option_s_name(option
     assert not (tmp_path / "plate.yaml").exists()
 
 
+@pytest.mark.check
 def test_the_unit_that_a_table_s_head_states_is_taken_by_new_and_by_the_config(roved, tmp_path, command):
     """42 × 30 of something is taken for mm where nothing says so, a plate of a tenth of its sides."""
     file = written(roved, tmp_path / "test.uff", None)
@@ -356,6 +366,7 @@ def test_the_unit_that_a_table_s_head_states_is_taken_by_new_and_by_the_config(r
     assert "--unit: Expected cm, as the head of" in error
 
 
+@pytest.mark.check
 def test_what_is_proposed_next_can_be_copied_where_a_name_has_blanks(roved, tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     written(roved, tmp_path / "my test (2).uff", lambda p: p)
@@ -397,6 +408,7 @@ def test_the_help_has_an_example(capsys):
         assert f"torchplate {verb} " in capsys.readouterr().out.split("example")[1]
 
 
+@pytest.mark.check
 def test_the_measured_spruce_plate_gets_its_published_sides(command, tmp_path):
     file = Path(__file__).parents[2].parent / "shared" / "data" / "spruce_5L.uff"
     if not file.is_file():
@@ -413,6 +425,7 @@ def test_the_measured_spruce_plate_gets_its_published_sides(command, tmp_path):
     assert 20 < low < 60 < 250 < high < 600
 
 
+@pytest.mark.check
 def test_modes_of_a_file_in_millimetres_come_with_their_frame(roved, tmp_path, command):
     pytest.importorskip("sdypy.EMA")
     file = written(roved, tmp_path / "mm.uff", lambda p: (1e3 * p[0] - 210, 1e3 * p[1] - 150, 0.0))
@@ -427,6 +440,7 @@ def test_modes_of_a_file_in_millimetres_come_with_their_frame(roved, tmp_path, c
     assert "measurement: {modal_model: {file: modes.uff}}" in error
 
 
+@pytest.mark.check
 def test_a_unit_that_is_guessed_says_how_another_is_told(roved, tmp_path, command):
     file = written(roved, tmp_path / "test.uff", lambda p: (1e3 * p[0], 1e3 * p[1], 0.0))
     _, out, _ = command("new", file, *PLATE, "--out", tmp_path / "plate.yaml")

@@ -16,6 +16,7 @@ def piped(command, monkeypatch):
     return command
 
 
+@pytest.mark.check
 def test_no_verb_speaks_but_where_its_lines_stay_whole():
     """A console of rich's own cuts at 80 letters where it is piped."""
     made = {

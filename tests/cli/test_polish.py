@@ -5,6 +5,7 @@ import pytest
 SEARCHED = ["plate.youngs_modulus", "wires.stiffness", "loss.stiffness_loss_factor"]
 
 
+@pytest.mark.check
 def test_a_coarse_search_is_finished_at_the_truth(bench, truth):
     coarse = bench.run(SEARCHED, {"search.n_generation": 8}, out="coarse")
     polished = bench.run(SEARCHED, {"search.n_generation": 8, "search.polish": True}, out="polished")

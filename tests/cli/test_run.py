@@ -149,6 +149,7 @@ class TestAFinishedRun:
         assert {"python", "platform", "device", "n_thread", "torchplate-fem", "numpy"} <= set(versions)
 
 
+@pytest.mark.check
 def test_the_saved_config_gives_the_same_result_again(bench):
     first = bench.run(["plate.youngs_modulus", "wires.stiffness"], overrides=["search.n_generation=3"])
     again = run(first.folder / "config.yaml", bench.folder / "again")
@@ -198,6 +199,7 @@ def test_a_number_known_with_a_tolerance_counts_as_its_value(bench):
     assert bench.run(changes=changes).result["objective"] < 1e-12
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     "search", ["search.optimizer=differential_evolution", "search.optimizer=artificial_bee_colony"]
 )
@@ -214,6 +216,7 @@ def test_an_interrupted_run_goes_on_to_the_identical_result(bench, search):
     assert [(s.step, s.value) for s in one] == [(s.step, s.value) for s in two]
 
 
+@pytest.mark.check
 def test_a_row_beyond_the_checkpoint_is_written_once(bench):
     searched = ["plate.youngs_modulus"]
     bench.run(searched, overrides=["search.n_generation=2"])
@@ -265,6 +268,7 @@ def test_a_folder_that_is_run_anew_shows_one_search_in_tensorboard(bench):
     assert values == pytest.approx([float(row["best_objective"]) for row in rows(found.folder)], rel=1e-6)
 
 
+@pytest.mark.check
 class TestCaveats:
     @pytest.mark.check
     def test_natural_frequencies_alone_see_no_damping(self, bench, monkeypatch):
@@ -358,6 +362,7 @@ def test_natural_frequencies_beside_frfs_add_their_error(bench):
     assert found.result["objective"] == pytest.approx(0.02, rel=1e-6)
 
 
+@pytest.mark.check
 def test_repeated_searches_report_the_best_of_them(bench):
     found = bench.run(["plate.youngs_modulus", "wires.stiffness"], {"search.n_repeat": 3, "search.n_generation": 3})
     repeats = found.result["repeats"]
@@ -372,6 +377,7 @@ def test_repeated_searches_report_the_best_of_them(bench):
     assert found.result["n_evaluation"] == sum(int(row["n_evaluation"]) for row in rows(found.folder)[-3:])
 
 
+@pytest.mark.check
 def test_a_clamped_plate_on_a_moving_base_is_found_by_its_transmissibility(bench, truth):
     held = {"mesh.edges": {"x0": "clamped"}, "effects.wires": ...}
     bench.measure(held, kind="transmissibility")
@@ -384,6 +390,7 @@ def test_a_clamped_plate_on_a_moving_base_is_found_by_its_transmissibility(bench
     assert found.result["natural_frequencies_hz"][0] == pytest.approx(16.0, rel=0.05)
 
 
+@pytest.mark.check
 def test_a_logarithmic_interval_is_searched_by_ratios(bench, truth):
     interval = {"low": 1e-4, "high": 1.0, "scale": "log"}
     changes = {"effects.loss.stiffness_loss_factor": interval, "search.n_generation": 15}

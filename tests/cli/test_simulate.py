@@ -104,6 +104,7 @@ def test_the_module_is_the_command(monkeypatch, capsys):
 IMPERFECT = {"position_std": 0.003, "frequency_drift": 0.001, "calibration_std": 0.02, "damping_scatter": 0.2}
 
 
+@pytest.mark.check
 def test_what_the_config_says_of_the_tests_imperfections_is_drawn(bench, make_config, command):
     def read(name, **measurement):
         settings = {"measurement": measurement} | {"modal_test.seed": 5}

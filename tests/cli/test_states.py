@@ -61,6 +61,7 @@ def test_a_state_has_its_own_effects_beside_the_common_ones(tmp_path):
     assert (before.own, after.own) == ((), ("plate.youngs_modulus", "magnet.mass"))
 
 
+@pytest.mark.check
 def test_a_run_of_two_states_writes_what_is_common_once(tmp_path, command):
     path = tmp_path / "plate.yaml"
     search = {"n_member": 4, "n_generation": 2, "seed": 0, "basis": "full"}

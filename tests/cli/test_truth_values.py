@@ -42,6 +42,7 @@ def _read(example: Any) -> Any:
     return float(example) if isinstance(example, str) else example
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(("section", "name", "example"), list(numbers()))
 @pytest.mark.parametrize("truth", [True, False])
 def test_a_truth_value_is_refused_wherever_the_reference_has_a_number(

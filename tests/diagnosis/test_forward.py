@@ -358,6 +358,7 @@ def test_a_tolerance_of_a_number_that_is_not_there_is_said(lab):
         tp.diagnose(plate(YOUNG), measured, tolerance={"plate.densty": 1.0})
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_a_baseline_that_stopped_too_soon_is_taken_up_from_where_an_effect_led(lab, monkeypatch):
     scene = lab.Scene(hidden={"gain": 1.0})

@@ -561,6 +561,7 @@ def test_a_basis_is_that_of_the_specimen_as_far_as_it_is_known(workshop):
     assert len(shift) > specimens.n_term == n_terms(builder.target.wandering)
 
 
+@pytest.mark.check
 def test_a_descent_all_of_whose_steps_are_refused_goes_on_with_more_damping(workshop, monkeypatch):
     """Peaks several widths off, a section that leans the other way: undamped steps land where nothing is better."""
     position = workshop.builder.given.space.to_cube(TRUTH * torch.tensor([0.95, 1.0], dtype=torch.float64))

@@ -101,6 +101,7 @@ def test_the_gap_is_nearly_that_of_all_lines(n_reference, close):
     assert float(level.log().abs().median()) < 2 * close
 
 
+@pytest.mark.check
 def test_what_is_said_is_said_of_all_lines(lab):
     """Gaps, curves and the gap of each FRF, whichever lines were looked at; one FRF is held out, one read as −H."""
     frequency = torch.linspace(10.0, 300.0, 3200, dtype=torch.float64)

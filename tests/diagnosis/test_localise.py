@@ -99,6 +99,7 @@ def test_the_kind_of_frf_changes_nothing(lab, kind):
     assert highest(found.map) == pytest.approx((0.27, 0.68), abs=0.1)
 
 
+@pytest.mark.check
 def test_a_sensor_chain_that_the_model_knows_turns_no_mass_into_a_dashpot(lab):
     known = {
         "gain": (CATALOGUE["sensor_gain"](), {"gain": 2.5}),
@@ -128,6 +129,7 @@ def test_what_all_channels_share_is_the_sensor_chain(lab, name, value, said):
     assert not any("A force at" in sentence for sentence in found.sentences)
 
 
+@pytest.mark.check
 def test_a_gain_and_a_delay_are_found_together(lab):
     hidden = hide("sensor_gain", {"gain": 0.8}) | {"late": (CATALOGUE["time_delay"](), {"delay": 3e-4})}
     found = Case(lab, hidden).located()
@@ -187,6 +189,7 @@ def test_bands_hold_the_misfit_and_stand_where_it_is(lab):
     assert f"{found.bands[0].low:.0f}-{found.bands[0].high:.0f} Hz" in found.sentences[0]
 
 
+@pytest.mark.check
 def test_channels_carry_their_gaps_before_and_after(lab):
     case = Case(lab, hide("sensor_gain", {"gain": 1.1}))
     case.heldout[1, 4] = True
@@ -202,6 +205,7 @@ def test_channels_carry_their_gaps_before_and_after(lab):
     assert case.located(after=after).channels[0].after < 0.06
 
 
+@pytest.mark.check
 def test_exchanged_channels_that_the_model_knows_leave_no_map(lab):
     # FRFs to other places would have to know of both.
     known = {"crossed": (CATALOGUE["channel_swap"](channels=[(3, None), (17, None)]), {})}
@@ -226,6 +230,7 @@ def test_one_or_two_frfs_say_nothing_of_a_place(lab, n_reference):
     assert not any("A force at" in sentence for sentence in found.sentences)
 
 
+@pytest.mark.check
 def test_what_was_not_measured_counts_nowhere(lab):
     case = Case(lab, hide("point_mass", PLACE | {"mass": 0.008}))
     pairs = torch.ones(2, 10, dtype=torch.bool)

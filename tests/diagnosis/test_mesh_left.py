@@ -78,6 +78,7 @@ def test_on_the_finer_mesh_a_heavy_mass_is_half_a_per_cent_off_as_the_page_says(
     assert SIDE * found["own.x"] == pytest.approx(1e-4, abs=1e-5)
 
 
+@pytest.mark.check
 def test_a_mass_on_a_soft_spring_acts_with_the_spring():
     """Far above its own frequency, here 20 Hz, it stands still."""
     mass, spring = 0.1, 0.1 * (2 * torch.pi * 20) ** 2
@@ -87,6 +88,7 @@ def test_a_mass_on_a_soft_spring_acts_with_the_spring():
     assert hung["own.mass"] / mass == pytest.approx(held["own.stiffness"] / spring, rel=0.01)
 
 
+@pytest.mark.check
 def test_a_mass_whose_place_is_known_is_off_alike():
     searched = {"own.mass": Searched(0.1, 0.2)}
     known = KNOWN | {"own.x": AT["x"], "own.y": AT["y"]}

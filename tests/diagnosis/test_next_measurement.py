@@ -2,8 +2,6 @@
 
 import itertools
 
-import pytest
-
 from torchplate.diagnosis.next_measurement import next_measurements
 from torchplate.effects import CATALOGUE
 
@@ -15,11 +13,11 @@ def test_what_is_named_alone_needs_nothing():
     assert next_measurements([("point_mass",), ("density",)], **CALM) == []
 
 
-@pytest.mark.parametrize("pair", list(itertools.combinations(sorted(set(CATALOGUE) - {"plate"}), 2)), ids="-".join)
-def test_any_two_effects_can_be_parted(pair):
-    said = next_measurements([pair], **CALM)
-    assert len(said) == 1
-    assert all(name in said[0] for name in pair)
+def test_any_two_effects_can_be_parted():
+    for pair in itertools.combinations(sorted(set(CATALOGUE) - {"plate"}), 2):
+        said = next_measurements([pair], **CALM)
+        assert len(said) == 1, pair
+        assert all(name in said[0] for name in pair), pair
 
 
 def test_the_cheapest_comes_first_and_one_effect_fewer_than_there_are_is_asked():

@@ -142,6 +142,7 @@ def test_the_kind_of_noise_is_told_from_its_course(lab):
         assert float(low.mean()) == pytest.approx(expected[0], abs=0.002)
 
 
+@pytest.mark.check
 def test_a_noisy_frf_keeps_its_noise_to_itself(lab):
     frf = lab.plate().frf(lab.nobody, lab.lines(1.0), [3], lab.nodes[1:9])
     share = torch.full((8,), 0.01, dtype=torch.float64)
@@ -283,6 +284,7 @@ def test_the_coherence_tells_where_the_noise_is(lab):
     assert float(plain[inside].median()) < 0.8
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("n_average", [3, None])
 def test_a_coherence_of_few_averages_makes_no_line_too_sure(lab, n_average):
     """By chance it is near 1 at some lines: residuals there would be many times their noise."""
@@ -302,6 +304,7 @@ def test_a_coherence_of_few_averages_makes_no_line_too_sure(lab, n_average):
     assert float(ratio.quantile(0.999)) < 8.0
 
 
+@pytest.mark.check
 def test_a_coherence_that_claims_too_little_noise_is_not_believed(lab):
     frequency = lab.lines(1.0)
     frf = lab.plate().frf(lab.nobody, frequency, [3], lab.nodes[1:5])
@@ -347,6 +350,7 @@ def test_what_is_mostly_scatter_says_nothing_of_the_plate(lab, loud, drowned):
     assert found.drowned[0].nonzero().flatten().tolist() == drowned
 
 
+@pytest.mark.check
 def test_exchanged_frfs_are_held_against_the_noise(lab):
     frf = lab.plate().frf(lab.nobody, lab.lines(1.0), lab.nodes[:3], lab.nodes[:3])
     std = lab.true_std(frf, 0.02, "signal")

@@ -72,6 +72,7 @@ def test_draws_are_whitened_a_few_at_a_time_and_come_out_as_all_at_once(lab, mon
     assert torch.equal(found.along, whole.along)
 
 
+@pytest.mark.check
 def test_no_draw_is_kept_beside_what_it_is_whitened_to(lab, monkeypatch, collect):
     """Of 121 FRFs two hundred draws are 274 MiB: while they are scored, memory grows by one row for each."""
     marginal = lab.Scene(hidden={"gain": 1.0}).state.fit.marginal

@@ -311,6 +311,7 @@ def test_what_sits_at_a_place_and_what_does_not_are_refitted_together_beside_a_k
     assert [one for one in calls if one] == ([{True, False}] if known else [{True}, {False}])
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_what_left_next_to_nothing_beside_the_plate_as_told_is_not_looked_for_beside_smoothed_frfs(lab):
     scene = lab.Scene()
@@ -329,6 +330,7 @@ def test_what_left_next_to_nothing_beside_the_plate_as_told_is_not_looked_for_be
     assert [enough(misfit, "state") for misfit in (1.0, 2.4)] == [True, False]
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_where_the_best_is_nearly_right_what_leaves_many_times_as_much_is_not_asked_for_supports(lab, scene):
     gain = scene.hypothesis("sensor_gain")
@@ -344,6 +346,7 @@ def test_where_the_best_is_nearly_right_what_leaves_many_times_as_much_is_not_as
     assert limit(2.6) == limit(2.4, by_noise=False) == scene.ranking._hopeless([]) == math.inf
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
     scene = lab.Scene(hidden={"wire": (700.0, 0.2)})
@@ -355,6 +358,7 @@ def test_a_spring_that_leaves_far_too_much_is_not_tried_as_a_support(lab):
     assert priced.label == spring.label
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_a_support_without_stiffness_is_the_dashpot_that_was_found(lab):
     """Two descents of the same ended a hundred of −2 ln L apart, and the one called support was believed."""
@@ -501,6 +505,7 @@ def test_those_go_on_that_gained_a_quarter_of_what_the_best_did(scene):
     assert scene.ranking._beat(state, [ended(float("inf"), 0.0)]) == module.NOBODY
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_what_has_no_number_to_be_fitted_has_no_twin(lab, monkeypatch):
     scene = lab.Scene(hidden={"gain": 1.5})
@@ -572,6 +577,7 @@ def test_the_twin_of_an_effect_of_the_whole_plate_is_tried_where_that_ended(lab)
     assert "aspect_ratio" in {one.name for one in scene.ranking.instead.of(near, grain, everyone, module.NOBODY)}
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_what_sits_at_a_place_starts_from_the_sizes_and_strengths_that_fit_there(lab):
     scene = lab.Scene(hidden={"patch": 0.1})

@@ -204,6 +204,7 @@ def test_exchanged_channels_score_what_solving_again_would_give(lab, near, monke
             assert best.candidate.options == {"channels": ((None, 7), (None, 9))}
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_freeing_one_or_another_of_two_numbers_that_are_told_promises_the_same(lab):
     """Beside a modulus that is searched, a thickness and a density that were told are one number: the mass.

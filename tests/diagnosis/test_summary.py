@@ -79,6 +79,7 @@ def test_the_verdict_follows_from_what_is_left(lab, off, n_named, expected):
         assert said == ()
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("what", ["distorted", "drowned"])
 def test_frfs_that_hold_nothing_of_the_plate_are_said_where_the_rest_is_noise(lab, what):
     ended, which = Ended(lab), torch.tensor([[False, False], [True, True]])
@@ -89,6 +90,7 @@ def test_frfs_that_hold_nothing_of_the_plate_are_said_where_the_rest_is_noise(la
     assert (said,) == faults_of(ended.builder, noise)
 
 
+@pytest.mark.check
 def test_a_parameter_on_the_edge_of_its_interval_is_said(lab):
     for young, said in ((2.4999e11, True), (1.50001e11, True), (2.05e11, False)):
         ended = Ended(lab, young=young)
@@ -161,6 +163,7 @@ def test_what_stayed_far_above_the_best_is_not_said_to_promise_too_little(lab):
     ]
 
 
+@pytest.mark.check
 def test_what_chance_would_take_is_said_beside_what_a_name_takes(lab):
     before, after = Ended(lab, 0.2), Ended(lab, 0.0, n_named=1)
     (naming,) = after.state.named

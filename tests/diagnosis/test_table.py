@@ -95,6 +95,7 @@ def test_an_interval_holds_the_hidden_number_and_its_mirror_images():
     assert one.parameters["x"].low < 0.3 < 0.7 < one.parameters["x"].high
 
 
+@pytest.mark.check
 def test_the_diagnosis_says_what_scatter_it_assumes():
     assert any("0.1 %" in sentence for sentence in massive().remarks)
 
@@ -209,6 +210,7 @@ def test_minima_hold_no_more_of_the_prior_than_there_is(parts, held):
     assert together([minimum(*part) for part in parts]) == pytest.approx(-2 * math.log(held), rel=1e-12)
 
 
+@pytest.mark.check
 def test_damping_and_the_sensor_chain_are_no_hypotheses_of_a_table():
     seen = {row.name for row in massive().scores[0]}
     blind = {name for name, kind in CATALOGUE.items() if not kind.moves_natural_frequencies()}
@@ -216,6 +218,7 @@ def test_damping_and_the_sensor_chain_are_no_hypotheses_of_a_table():
     assert not seen & blind
 
 
+@pytest.mark.check
 def test_what_scales_all_frequencies_cannot_be_told_from_the_modulus():
     rows = {row.name: row for row in massive().scores[0]}
     for name in ("density", "thickness"):

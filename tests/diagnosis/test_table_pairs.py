@@ -78,6 +78,7 @@ def test_the_mesh_error_of_a_patch_is_taken_off_where_it_was_found():
     assert found.best.chi_square < limit < first.best.chi_square
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_a_pair_begins_where_one_of_it_has_ended(monkeypatch):
     """A held edge moves every mode: changes beside the given model, added, lead to no taper beside it."""
@@ -106,6 +107,7 @@ def named(comparing: Comparing, monkeypatch: pytest.MonkeyPatch, *effects: str) 
     return found, Posterior.of([found], SETTINGS).best()
 
 
+@pytest.mark.check
 @torch.no_grad()
 @pytest.mark.parametrize("others", [(), (EDGE,)], ids=["alone", "beside an edge"])
 def test_an_absorber_that_stays_with_the_plate_is_a_mass(monkeypatch, others):
@@ -118,6 +120,7 @@ def test_an_absorber_that_stays_with_the_plate_is_a_mass(monkeypatch, others):
     assert not [one for one in found.counted(SETTINGS.level) if one in alike and "point_mass" not in one.names]
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_a_tuned_absorber_is_no_mass(monkeypatch):
     """Its resonance lies in the band, below it a mass and above it a spring."""
@@ -127,6 +130,7 @@ def test_a_tuned_absorber_is_no_mass(monkeypatch):
     assert any(one.names == ("absorber",) for one in found.counted(SETTINGS.level))
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_a_mass_that_ended_elsewhere_is_found_where_an_absorber_has_ended():
     comparing = bench("given", 1, 5e-4, ("point_mass", {}, {"x": 0.1, "y": 0.91, "mass": 0.08}))
@@ -173,6 +177,7 @@ def test_what_a_hypothesis_becomes_begins_where_that_has_ended():
         assert values[f"point_mass_1.{key}"] == pytest.approx(there[f"absorber_2.{key}"])
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_a_taper_that_leans_the_other_way_is_the_same_plate_turned_over():
     comparing = bench("given", 1, 1e-3, TAPER)
@@ -205,6 +210,7 @@ def test_on_a_square_a_patch_that_is_long_along_x_is_one_that_is_long_along_y():
     assert exact == pytest.approx(exact[:1].expand_as(exact), rel=1e-8)
 
 
+@pytest.mark.check
 @torch.no_grad()
 @pytest.mark.parametrize("on", [0.0, 1.0])
 def test_an_interval_begins_at_the_bound_that_its_number_sits_on(on):

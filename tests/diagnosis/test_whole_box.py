@@ -88,6 +88,7 @@ def test_a_mass_counts_for_what_its_likelihood_holds_over_the_whole_plate(mass, 
     assert found.evidence == pytest.approx(whole, abs=NEAR)
 
 
+@pytest.mark.check
 def test_of_a_prior_with_a_narrow_half_laplace_and_the_whole_box_say_the_same():
     """Half of all plates are of metal, whose directions differ little: that makes a small difference more probable."""
     truth = plate(grain=(0.93, 1.04)).natural_frequencies(NOBODY, 11)[3:]

@@ -40,6 +40,7 @@ def clean_catalogue():
     CATALOGUE.update(kept)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("path", of("python"), ids=NAMES.get)
 def test_the_python_of_a_page_runs_from_top_to_bottom(path, monkeypatch, clean_catalogue):
     monkeypatch.chdir(ROOT)

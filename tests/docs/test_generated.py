@@ -54,6 +54,7 @@ def test_effects_that_pass_for_each_other_point_at_each_other(pages):
     assert "**Passes for** [`aspect_ratio`](#aspect_ratio)" in pages.effects(["orthotropy"])
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("name", ["orthotropy", "time_delay"])
 def test_a_picture_is_the_same_each_time(pages, signature, name):
     example = pages.examples()[name]
@@ -63,6 +64,7 @@ def test_a_picture_is_the_same_each_time(pages, signature, name):
     assert first == second
 
 
+@pytest.mark.check
 def test_a_picture_shows_what_the_effect_does(pages, signature):
     def found(name):
         example = pages.examples()[name]
@@ -103,12 +105,14 @@ def test_every_public_name_is_on_its_page(pages):
     assert all(f"`tp.{name}`" in page for name in torchplate.__all__ if not name.startswith("_"))
 
 
+@pytest.mark.check
 def test_claims_are_the_names_of_the_tests(pages):
     page = pages.claims()
     assert "- Claims are the names of the tests" in page
     assert "- A strip without poissons ratio is a beam" in page
 
 
+@pytest.mark.check
 def test_published_values_are_met_once_the_mesh_error_is_taken_off(pages):
     page = pages.benchmarks()
     last = [

@@ -59,6 +59,7 @@ def test_two_states_find_a_common_modulus_and_wires_of_their_own():
     assert all(one.std is not None for one in found.parameters.values())
 
 
+@pytest.mark.check
 def test_a_population_search_of_several_states_is_polished_where_that_is_asked():
     told: list[str] = []
     search = DifferentialEvolution(n_member=8)
@@ -69,6 +70,7 @@ def test_a_population_search_of_several_states_is_polished_where_that_is_asked()
     assert any(text.startswith("polished by least squares") for text in told)
 
 
+@pytest.mark.check
 def test_common_wires_cannot_fit_two_states_whose_wires_differ():
     found = identify(pair(own=()), search=LeastSquares(n_member=2), n_generation=30)
     assert set(found.parameters) == {"plate.youngs_modulus", "wires.stiffness"}

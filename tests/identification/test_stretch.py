@@ -70,12 +70,14 @@ def test_a_plate_that_swings_on_its_cords_is_looked_at_where_it_bends():
     assert float(found.factor[1]) == pytest.approx(8.3, rel=0.02)
 
 
+@pytest.mark.check
 def test_a_test_without_resonances_tells_nothing():
     measurement = hit((0.58, 0.22), {}, "accelerance", thickness=0.04, ratio=0.09, shear=0.75)
     theta = torch.tensor([[1.0, 1.0]], dtype=torch.float64)
     assert stretched(models((0.58, 0.22), {}), theta, measurement, place(measurement, 0.58, 0.22, 4, 4)) is None
 
 
+@pytest.mark.check
 def test_pairs_that_were_not_measured_or_are_dead_are_left_out():
     sides = (0.58, 0.22)
     measurement = hit(sides, {}, "accelerance", thickness=0.0043, ratio=0.09, shear=0.75)

@@ -234,12 +234,14 @@ def test_the_verdict_says_what_it_means():
     assert "the model with `mesh_discretisation` added explains" in verdict_sentence(finer)
 
 
+@pytest.mark.check
 def test_a_probability_close_to_one_is_not_rounded_to_certainty(tmp_path, unrendered):
     write_diagnosis("sure", replace(diagnosis(), effects=(replace(NAMED, confidence=0.99996),)), tmp_path)
     (row,) = _named(Page((tmp_path / "report.html").read_text()))
     assert row["confidence"] == "over 99.9 %"
 
 
+@pytest.mark.check
 def test_natural_frequencies_alone_have_a_report_without_frfs(tmp_path, unrendered):
     nowhere = Location((), (), {}, None)
     found = replace(diagnosis(), overlay=None, location=nowhere)
@@ -254,6 +256,7 @@ def test_natural_frequencies_alone_have_a_report_without_frfs(tmp_path, unrender
     assert {path.name for path in (tmp_path / "bare" / "figures").iterdir()} == {"gap.png", "modes.png"}
 
 
+@pytest.mark.check
 def test_many_frfs_are_listed_up_to_a_number(tmp_path, unrendered):
     write_diagnosis("many", diagnosis((4, 7, 9, 3), (1, 6, 8, 12, 2, 5, 10), n_line=12), tmp_path)
     page = Page((tmp_path / "report.html").read_text())
@@ -261,6 +264,7 @@ def test_many_frfs_are_listed_up_to_a_number(tmp_path, unrendered):
     assert f"And {28 - N_CHANNEL} FRFs that were nearer" in page.words
 
 
+@pytest.mark.check
 class TestTensorBoard:
     @staticmethod
     def read(folder: Path) -> EventAccumulator:
@@ -305,6 +309,7 @@ class TestTensorBoard:
         )
 
 
+@pytest.mark.check
 def test_the_places_of_a_candidate_have_three_digits(tmp_path, unrendered):
     place = 0.9656002751977983, 0.9080882352941176
     turned = samples.Scored("channel_polarity", {"channels": ((place, None),)}, 0.0, {}, (), None, "rejected")

@@ -60,6 +60,7 @@ class TestFigures:
         assert (colours[0], colours[-2]) == (BEFORE, AFTER)
         assert [text.get_text() for text in axis.texts] == [f"{100 * width:.3g} %" for width in widths]
 
+    @pytest.mark.check
     def test_a_gap_that_hardly_falls_has_a_linear_axis_from_zero(self):
         found = diagnosis()
         near = replace(found, gap=replace(found.gap, noise_floor=0.2), steps=(Step("baseline", 0.3, None, 2.0),))
@@ -71,6 +72,7 @@ class TestFigures:
         axis = figures(replace(diagnosis((4,), (1,)), steps=()))["gap"].axes[0]
         assert [bar.get_width() for container in axis.containers for bar in container] == [0.4567, 0.01256]
 
+    @pytest.mark.check
     def test_the_misfit_of_each_line_is_over_its_noise_and_leaves_unmeasured_pairs_out(self):
         found = diagnosis()
         overlay = found.overlay
@@ -89,6 +91,7 @@ class TestFigures:
         texts = [text.get_text() for text in axis.figure.axes[0].texts]
         assert texts == ["61 %", "22 %"]
 
+    @pytest.mark.check
     def test_a_line_without_noise_is_left_out_and_not_infinite(self):
         found = diagnosis()
         noise = found.overlay.noise.clone()
@@ -146,6 +149,7 @@ class TestFigures:
         assert [bool(crowded[pair]) for pair in pairs] == [True, True, True, False]
         assert pairs[3] == max([(0, 0), (1, 1), (2, 2)], key=before)
 
+    @pytest.mark.check
     def test_a_model_that_did_not_change_is_drawn_once(self):
         drawn = figures(diagnosis(mass=False))
         assert [line.get_label() for line in drawn["frf"].axes[0].lines] == ["measured", "model"]
@@ -154,6 +158,7 @@ class TestFigures:
         assert [axis.get_title("left") for axis in squares] == ["FDAC, model"]
         assert [line.get_label() for axis in curves for line in axis.lines] == ["model", "model"]
 
+    @pytest.mark.check
     def test_the_assurance_criteria_are_drawn_before_and_after(self):
         overlay = diagnosis().overlay
         squares, curves = _assurance(diagnosis())
@@ -183,6 +188,7 @@ class TestFigures:
         assert [axis.get_ylabel() for axis in curves] == ["CSF [-]"]
         assert np.ptp(curves[0].lines[0].get_ydata()) > 0.1
 
+    @pytest.mark.check
     def test_a_line_at_which_a_model_is_zero_has_no_criterion(self):
         found = diagnosis()
         before = found.overlay.before.clone()
@@ -209,6 +215,7 @@ class TestFigures:
         assert axis.get_aspect() == 1.0
         assert "x 0.213 ± 0.011, y 0.64 ± 0.023" in axis.figure.legends[0].get_texts()[3].get_text()
 
+    @pytest.mark.check
     def test_the_legend_of_the_map_stays_within_its_picture(self):
         wide = {"x": Estimate(0.33351, 0.00658, "-"), "y": Estimate(0.52284, 0.0305, "-")}
         # With four of them each column of two would hold a long one.
@@ -221,11 +228,13 @@ class TestFigures:
         texts = [text.get_text() for text in figure.legends[0].get_texts()]
         assert "ground_dashpot: x 0.3335 ± 0.0066, y 0.523 ± 0.03 of the sides" in texts
 
+    @pytest.mark.check
     def test_a_place_whose_error_is_not_seen_has_no_ellipse(self):
         unseen = MASS | {"y": Estimate(0.64, None, "-")}
         axis = figures(replace(diagnosis(), effects=(replace(NAMED, parameters=unseen),)))["map"].axes[0]
         assert not [patch for patch in axis.patches if isinstance(patch, Ellipse)]
 
+    @pytest.mark.check
     def test_a_patch_is_square_and_a_moved_sensor_has_an_arrow(self):
         patch = MASS | {"size": Estimate(0.2, 0.01, "-")}
         moved = {"dx": Estimate(0.03, 0.001, "m"), "dy": Estimate(-0.02, 0.001, "m")}
@@ -253,6 +262,7 @@ class TestFigures:
             # A layout that collapses warns, and a warning is an error here.
             assert png(drawn).startswith(PNG)
 
+    @pytest.mark.check
     def test_labels_on_the_map_lie_on_no_marker_and_on_no_other_label(self):
         # The mass lies where the label of node 6, at a third of x and half of y, would be.
         beside = replace(NAMED, parameters=MASS | {"x": Estimate(0.37, None, "-"), "y": Estimate(0.5, None, "-")})
@@ -266,6 +276,7 @@ class TestFigures:
             for centre in figure.axes[0].transData.transform(np.column_stack(line.get_data())):
                 assert not any(box.contains(*centre) for box in boxes)
 
+    @pytest.mark.check
     @pytest.mark.parametrize("narrow", [False, True])
     def test_labels_of_channels_at_the_edges_lie_on_no_number_of_an_axis(self, narrow):
         figure = plate_map(diagnosis((1, 5, 9, 4), (12, 8, 10, 2), n_line=12), narrow)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from torchplate.diagnosis.result import FoundField
 from torchplate.report.blocks.document import Heading, Listing, Picture
@@ -37,6 +38,7 @@ def test_the_largest_value_is_told_at_its_node() -> None:
     assert "largest value, 40, is at x 0.50, y 1.00" in field_told(FIELD)
 
 
+@pytest.mark.check
 def test_the_report_has_a_field_where_one_was_found_and_nothing_where_none_was() -> None:
     found = replace(diagnosis(), field=FIELD)
     drawn = figures(found)

@@ -119,6 +119,7 @@ def test_a_channel_that_was_not_measured_everywhere_is_left_out():
     assert torch.equal(seen.frf, measured.frf[:, rows][:, :, :1])
 
 
+@pytest.mark.check
 def test_every_mode_has_a_panel_and_the_measured_one_is_in_it():
     _, _, found = modes(EVERY, (1, 6), n_line=200)
     panels = mode_shapes(found, samples.SIDES)

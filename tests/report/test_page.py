@@ -156,6 +156,7 @@ class TestFigures:
         assert not re.search(r"https?:|xmlns|xlink|url\((?!#)", svg(drawn(), "one", ""))
 
 
+@pytest.mark.check
 def test_a_figure_that_is_laid_out_is_drawn_once_for_each_picture(monkeypatch):
     figure, draws, draw = drawn(), [], Figure.draw
     figure.set_layout_engine("constrained")
@@ -169,6 +170,7 @@ def test_a_figure_that_is_laid_out_is_drawn_once_for_each_picture(monkeypatch):
     assert figure.axes[0].get_position().bounds != before
 
 
+@pytest.mark.check
 def test_ticks_are_laid_out_for_labels_that_are_there_alone_and_the_picture_is_the_same(monkeypatch):
     def drawn() -> Figure:
         figure = Figure(figsize=(4, 3), layout="constrained")
@@ -259,6 +261,7 @@ def test_what_would_add_to_the_misfit_is_said_to_take_none_of_it(shown):
     assert "none where it would add to it" in shown[1]
 
 
+@pytest.mark.check
 def test_every_figure_is_one_that_a_narrow_screen_holds_or_has_one_beside_it():
     from torchplate.report.diagnosis_figures import figures, panels
 

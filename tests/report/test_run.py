@@ -76,6 +76,7 @@ def page(files):
     return samples.Page(files["report.html"].decode())
 
 
+@pytest.mark.check
 def test_the_figures_lie_beside_the_text_and_the_page_needs_none_of_them(files, page):
     assert set(files) == {"report.md", "report.html", "frf.png", "convergence.png", "natural_frequencies.png"}
     text = files["report.md"].decode()

@@ -75,6 +75,7 @@ def test_two_shapes_that_the_points_do_not_part_are_said(model, shapes):
     assert "the points tell them apart" not in told
 
 
+@pytest.mark.check
 def test_the_pictures_are_drawn_for_a_page_and_say_what_they_show(shapes):
     found = agreement(shapes)
     assert list(found) == ["mac", "comac", "fdac"]

@@ -109,6 +109,7 @@ def test_it_goes_on_where_it_was_stopped(bench, stopped, command):
     assert all(torch.equal(*pair) for pair in zip(second, kept(bench.folder / "other"), strict=True))
 
 
+@pytest.mark.check
 def test_without_out_it_is_found_in_the_latest_folder(bench, stopped, command, monkeypatch):
     path, out, _ = stopped
     monkeypatch.chdir(bench.folder)
