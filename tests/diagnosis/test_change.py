@@ -13,11 +13,13 @@ from torchplate.diagnosis.change import PlateTest, what_changed
 from torchplate.diagnosis.change.after import After, against_the_next
 from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.comparison import Comparing, Promise, State, ways_of
-from torchplate.diagnosis.change.flow import comparing_of
+from torchplate.diagnosis.change.flow import comparing_of, target_of
 from torchplate.diagnosis.change.posterior import Weighed, chance
 from torchplate.diagnosis.change.settings import SETTINGS
 from torchplate.diagnosis.change.settling import End
+from torchplate.diagnosis.change.summary import summarise
 from torchplate.diagnosis.change.table import _both_ways, _tables
+from torchplate.diagnosis.lines import every_nth
 from torchplate.diagnosis.selection.criterion import is_noise
 from torchplate.diagnosis.settings import SETTINGS as DIAGNOSIS
 from torchplate.discrepancy import Marginal
@@ -510,8 +512,12 @@ def on_a_mesh_of_its_own(model: PlateModel, split: int) -> PlateModel:
     return whole.projected(ritz_basis(whole, NOBODY[None], torch.tensor([top]).to(NOBODY), 0, 3.0))
 
 
-def on_both_meshes(came: bool):
+def on_both_meshes(came: bool, step: int = 1):
     """A patch tried beside a plate to which it came, or not: on the mesh where changes are looked for and a finer one.
+
+    Args:
+        came: whether it did.
+        step: of the lines of the test after that are looked at on the finer mesh.
 
     Returns:
         What compares on each, where the patch ends on the first, and from where it began.
@@ -521,10 +527,10 @@ def on_both_meshes(came: bool):
     before, after = (PlateTest(given, measured(one, seed), imperfections=TOLD) for seed, one in enumerate(truths))
     own = {key: Searched(0.0, 1.0) for key in ("x", "y")} | {"size": Searched(0.05, 0.5), "factor": Searched(0.1, 1.5)}
     change = Change("stiffness_loss", "soft", Candidate(CATALOGUE["stiffness_loss"](), {}, own, {"factor": 1.0}))
-    comparing, finer = (
-        comparing_of(before, after, (), 0, lambda _: None, SETTINGS, False, fineness)
-        for fineness in (None, DIAGNOSIS.meshes.settling)
-    )
+    targets = target_of(before, 0), target_of(after, 0)
+    comparing = comparing_of(before, after, (), 0, lambda _: None, SETTINGS, False, None, targets)
+    others = targets[0], every_nth(targets[1], step)
+    finer = comparing_of(before, after, (), 0, lambda _: None, SETTINGS, False, DIAGNOSIS.meshes.settling, others)
     start = {f"soft.{key}": value for key, value in SOFT[1].items()}
     if not came:
         start["soft.factor"] = 0.99
@@ -542,6 +548,21 @@ def test_a_patch_that_came_is_as_large_as_it_is_on_whatever_mesh():
         off = fit.theta - torch.tensor([start[name] for name in fit.model.names], dtype=torch.float64)
         # The quantile at 99.9 % of χ² of four numbers: the mesh alone made 22.7 of it.
         assert float(off @ torch.linalg.solve(fit.covariance, off)) < 18.5
+
+
+@pytest.mark.check
+def test_what_was_settled_beside_other_lines_is_told_of_all_of_them():
+    """A mode that comes into the band on the finer mesh brings ten lines with it."""
+    comparing, finer, state, _ = on_both_meshes(came=True, step=2)
+    none, target = comparing.none(), comparing.after.builder.target
+    choice = comparing._choice(none.fit, [(state.changes[0], state.fit)], state.promises[0])
+    last = comparing.settled(dataclasses.replace(state, choices=((choice, {}, none.fit),)), finer)
+    assert len(last.finer.frequency) < len(target.frequency)
+    test = PlateTest(comparing.given, target.measurement)
+    found = summarise(comparing, none, last, (test, test), 0.0)
+    assert (found.verdict, [one.name for one in found.effects]) == ("explained", ["stiffness_loss"])
+    assert found.gap.final < 1.2 * found.gap.expected < found.gap.baseline
+    assert found.overlay.after.shape == found.overlay.before.shape == target.measurement.frf.shape
 
 
 @pytest.mark.check

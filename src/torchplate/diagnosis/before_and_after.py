@@ -79,7 +79,9 @@ def left_beside_the_specimen(target: FrfTarget, fit: Fit) -> float | None:
 def at_all_lines(target: FrfTarget, fit: Fit) -> Complex[Tensor, "n_frequency n_response n_reference"]:
     """What a fit says of every line that was measured, whichever were looked at."""
     whole = target.at_all_lines
-    return fit.prediction if whole is target else whole.predict(fit.predicted, fit.theta)
+    # One that was held against fewer lines, on another mesh, is asked for all of them.
+    known = whole is target and len(fit.prediction) == len(whole.frequency)
+    return fit.prediction if known else whole.predict(fit.predicted, fit.theta)
 
 
 def _gaps(target: FrfTarget, fit: Fit) -> tuple[float, float | None]:

@@ -25,6 +25,7 @@ from torchplate.diagnosis.selection.criterion import (
     weight_of,
 )
 from torchplate.diagnosis.selection.screen import screen
+from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import Marginal
 from torchplate.model import PlateModel
 
@@ -62,6 +63,8 @@ class State:
         nuisances: what it has found of what no change is.
         choices: how each was chosen, and the fits that it was chosen from.
         promises: of each step.
+        finer: what its fit was held against, where that was on another mesh, which may have modes more or fewer in the
+            band and so other lines.
     """
 
     changes: tuple[Change, ...]
@@ -69,6 +72,7 @@ class State:
     nuisances: Nuisances
     choices: tuple[Chosen, ...] = ()
     promises: tuple[tuple[Promise, ...], ...] = ()
+    finer: FrfTarget | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -230,10 +234,10 @@ class Comparing:
         if not self._choice(without.fit, [(last, ended.fit)], state.promises[len(others)]).needed:
             self.say(f"  {last.name} does not show there")
             return replace(state, changes=tuple(others), fit=without.fit, nuisances=without.nuisances,
-                           choices=state.choices[:-1])  # fmt: skip
+                           choices=state.choices[:-1], finer=finer.after.builder.target)  # fmt: skip
         if is_noise(state.fit) and not is_explained(ended.fit, target):
             return state
-        return replace(state, fit=ended.fit, nuisances=ended.nuisances)
+        return replace(state, fit=ended.fit, nuisances=ended.nuisances, finer=finer.after.builder.target)
 
     def _anew(self, state: State, best: Ended) -> State:
         """The same from the nuisances that a further change has found: it is to win by itself, not by these."""

@@ -55,7 +55,7 @@ def summarise(
         if name in comparing.after.reference.names or name.rpartition(".")[0] in told
     } | found
     sets = [(one.name, *one.equivalent) for one in effects]
-    gap = gap_of(target, none.fit, last.fit)
+    gap = gap_of(last.finer or target, none.fit, last.fit)
     return Diagnosis(
         verdict=verdict,
         effects=effects,
