@@ -10,7 +10,7 @@ import torch
 
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.change import PlateTest, what_changed
-from torchplate.diagnosis.change.after import After, against_the_next
+from torchplate.diagnosis.change.after import After, Ended, against_the_next
 from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.comparison import Comparing, Promise, State, ways_of
 from torchplate.diagnosis.change.flow import comparing_of, target_of
@@ -20,7 +20,8 @@ from torchplate.diagnosis.change.settling import End
 from torchplate.diagnosis.change.summary import summarise
 from torchplate.diagnosis.change.table import _both_ways, _tables
 from torchplate.diagnosis.lines import every_nth
-from torchplate.diagnosis.selection.criterion import is_noise
+from torchplate.diagnosis.problem import Problem
+from torchplate.diagnosis.selection.criterion import is_noise, never_equivalent
 from torchplate.diagnosis.settings import SETTINGS as DIAGNOSIS
 from torchplate.discrepancy import Marginal
 from torchplate.effects import CATALOGUE
@@ -351,6 +352,89 @@ def falling(monkeypatch, much: float) -> list[int]:
 
     monkeypatch.setattr(After, "_a_step", step)
     return taken
+
+
+def on_a_way(monkeypatch, held):
+    """What settles, with a drift of ones ahead by which −2 ln p is to fall by ten; it falls by what is told of a part.
+
+    Returns:
+        It, a hypothesis, where the way begins, and the parts that are asked for.
+    """
+    after, asked = warmed().after, []
+
+    def ahead(_, one, here):
+        return 10.0, None, torch.ones_like(here.put_in)
+
+    def there(_, one, place, channels, drift):
+        asked.append(float(drift[0]))
+        found = dataclasses.replace(start, drift=drift)
+        found.__dict__.update(held=start.held + held(asked[-1]))
+        return found
+
+    one = after.hypothesis([])
+    start = after.judged(one, NOBODY, None, torch.zeros(one.n_drift, dtype=torch.float64))
+    monkeypatch.setattr(After, "_ahead", ahead)
+    monkeypatch.setattr(After, "judged", there)
+    return after, one, start, asked
+
+
+@pytest.mark.check
+def test_a_way_that_does_not_lead_down_is_gone_as_far_as_a_parabola_says(monkeypatch):
+    """What was promised falls as 2 p − p², and what it knows nothing of grows evenly."""
+    after, one, start, asked = on_a_way(monkeypatch, lambda part: -10 * (2 * part - part**2) + 12 * part)
+    found, damping = after._a_step(one, start, 0.0)
+    assert asked == pytest.approx([1.0, 0.4])
+    assert found.drift.tolist() == pytest.approx([0.4] * one.n_drift)
+    assert damping == 0
+
+
+@pytest.mark.check
+def test_damped_steps_end_where_they_promise_nothing(monkeypatch):
+    after, one, start, asked = on_a_way(monkeypatch, lambda part: 50.0 * part)
+    monkeypatch.setattr(After, "_towards", lambda *_: (None, torch.ones_like(start.put_in)))
+    monkeypatch.setattr(After, "_by_columns", lambda *_: (start.held - 1e-6, start.marginal, start.off))
+    found, _ = after._a_step(one, start, 0.0)
+    assert found is start
+    # All of the way, and the step that is not damped.
+    assert asked == [1.0, 1.0]
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("part", [0.5, 0.0])
+def test_a_way_whose_end_promises_nothing_is_not_gone(monkeypatch, part):
+    """Residuals that a descent leaves are those beside nuisances as they are: more it does not have to give."""
+    comparing, change, wrong = lightened()
+    one = comparing.after.hypothesis([change], [wrong])
+    start = comparing.after.judged(one, torch.full((3,), 0.5, dtype=torch.float64), None)
+    judged, asked = After.judged, []
+
+    def counted(self, *given):
+        asked.append(given)
+        return judged(self, *given)
+
+    left = torch.tensor([0.5 * (1 - part) * start.fit.square], dtype=torch.float64)
+    monkeypatch.setattr(Problem, "descend", lambda _, places, *__: (places, left, 1))
+    monkeypatch.setattr(After, "settled", lambda *given: given[-1])
+    monkeypatch.setattr(After, "judged", counted)
+    comparing.after._sharply(one, start, n_turn=1)
+    # The place is the same, and no part of the way there is more probable.
+    assert len(asked) == (len(DIAGNOSIS.fitting.parts) if part else 0)
+
+
+@pytest.mark.check
+def test_each_change_is_told_what_it_would_have_to_beat(monkeypatch):
+    comparing, change, wrong = lightened()
+    none, told = comparing.none(), []
+
+    def fit(_, changes, starts, begun=None, hopeless=math.inf, beat=math.inf):
+        told.append(beat)
+        return Ended(none.fit, none.nuisances)
+
+    monkeypatch.setattr(After, "fit", fit)
+    monkeypatch.setattr(Comparing, "_tried", lambda *_: [Promise(change, 0.9, (wrong,))])
+    monkeypatch.setattr(Comparing, "_ways", lambda *_: [(change, (wrong,), 0.0)] * 2)
+    comparing._one_more(none)
+    assert told[:2] == [math.inf, none.nuisances.held + never_equivalent(none.fit)]
 
 
 @pytest.mark.check
