@@ -22,6 +22,7 @@ from torchplate.diagnosis.selection.criterion import (
     is_explained,
     is_needed,
     is_noise,
+    known_section,
     weight_of,
 )
 from torchplate.diagnosis.settings import Comparison
@@ -343,3 +344,22 @@ def test_beside_a_model_error_lines_say_no_more_than_modes_do():
     few, many = (fitted(200.0, by_noise=one, noise_scale=0.05) for one in (False, True))
     assert weight_of([few]).likelihood == pytest.approx(few.n_modal / N, rel=0.05)
     assert weight_of([many]).likelihood == pytest.approx(WEIGHT)
+
+
+@pytest.mark.parametrize(
+    ("large", "names", "left"),
+    [
+        ((), ("thickness", "damping_scatter"), [1.0, 2.0]),
+        (("damping_scatter",), ("thickness", "damping_scatter"), [1.0, 0.0]),
+        (("damping_scatter",), (), None),
+        (("thickness",), ("thickness", "damping_scatter"), None),
+    ],
+)
+def test_of_a_section_is_known_what_has_not_taken_on_something_else(large, names, left):
+    """Dampings that have are put back to their law; of a wandering that has, nothing is known."""
+    scale = {name: 1.1 * SETTINGS.size_limit if name in large else 1.0 for name in ("thickness", "damping_scatter")}
+    about = Found(torch.tensor([1.0, 2.0]).double(), torch.eye(2).double(), names=names)
+    fit = fitted(0.0, scale=scale)._replace(beside=SimpleNamespace(about=about))
+    found = known_section(fit)
+    assert (found and found.shift.tolist()) == left
+    assert known_section(fit._replace(beside=SimpleNamespace(about=None))) is None

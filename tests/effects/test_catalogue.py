@@ -265,3 +265,10 @@ def test_an_effect_that_says_nothing_of_its_source_is_refused():
     with pytest.raises(TypeError, match="says nothing of its parameters"):
         type("Nameless", (Effect,), {})
     assert "nameless" not in CATALOGUE
+
+
+def test_natural_frequencies_see_neither_damping_nor_the_sensor_chain():
+    seen = {name for name, kind in CATALOGUE.items() if kind.moves_natural_frequencies()}
+    blind = {"sensor_gain", "time_delay", "hysteretic_damping", "damping_patch", "ground_dashpot", "viscous_damping"}
+    assert not seen & blind
+    assert {"point_mass", "ground_spring", "orthotropy", "aspect_ratio", "rib", "air_loading"} <= seen

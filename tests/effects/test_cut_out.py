@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.effects import CutOut, HystereticDamping, Plate
+from torchplate.effects import CutOut, HystereticDamping, Plate, SupportSpring
 from torchplate.model import PlateModel, SparseModel
 from torchplate.plate import Mesh
 
@@ -64,3 +64,10 @@ def test_between_lines_of_the_mesh_its_error_falls_with_the_mesh() -> None:
 def test_without_an_extent_it_is_not_there() -> None:
     found = build((0.4, 0.2, 0.4, 0.7)).frf(NONE, LINES)
     torch.testing.assert_close(found, build(None).frf(NONE, LINES), rtol=1e-7, atol=0)  # rounding
+
+
+def test_what_stands_in_a_hole_is_refused_with_its_label():
+    wire = {"wire.stiffness": 1e3, "wire.viscous_damping": 0.1}
+    mesh = Mesh(0.6, 0.4, 6, 4, cut=((1 / 3, 0.25, 2 / 3, 0.75),))
+    with pytest.raises(ValueError, match=r"wire: Expected points on the plate, got .*inside a hole"):
+        PlateModel(mesh, {"plate": Plate(), "wire": SupportSpring(nodes=[18])}, METAL | wire)

@@ -8,7 +8,7 @@ import torch
 
 from torchplate.model import Searched, SparseModel, basis_error, estimated_error, extrapolate
 from torchplate.model.discretisation import error_estimate, fine_mesh
-from torchplate.model.discretisation.error_estimate import _importance
+from torchplate.model.discretisation.error_estimate import Full, _importance
 from torchplate.model.discretisation.reduced_basis import ritz_basis
 from torchplate.plate import Mesh
 
@@ -152,3 +152,14 @@ def test_the_correction_is_what_the_static_flexibility_makes_of_both_residuals(p
         expected[line] = plain[line] + left[0].T @ flexible @ left[1]
     # Rounding of solves with a stiffness of condition 1e8.
     assert np.abs(found - expected).max() < 1e-6 * np.abs(expected - plain).max()
+
+
+def test_the_measured_error_is_of_natural_frequencies_too(plates) -> None:
+    """Rigid-body modes, zero up to rounding, are held to the first that is not."""
+    mesh = MESHES["rectangle"]
+    model = plates.build(mesh, {"wires.stiffness": 0.0}, {"plate.youngs_modulus": BOX["plate.youngs_modulus"]})
+    theta = torch.tensor([[7.1e10], [7.7e10]], dtype=torch.float64)
+    natural = model.natural_frequencies(theta, 8)
+    assert Full(theta, None, None, natural).error(model) < 1e-4
+    natural[1, 5] *= 1.02
+    assert Full(theta, None, None, natural).error(model) == pytest.approx(0.02 / 1.02, rel=1e-3)

@@ -271,3 +271,11 @@ def test_of_a_plate_with_a_single_mode_on_both_meshes_that_one_is_corrected():
     exact = navier(model.mesh, 1)
     plain, found = (one.natural_frequencies(NOTHING, 1) for one in (model, seen.model))
     assert bool((4 * off(found, exact) < off(plain, exact)).all())
+
+
+def test_where_nobody_says_at_which_plate_the_mesh_error_is_that_of_the_middle_of_the_box():
+    model = bare(Mesh(0.48, 0.4, 4, 4), {"plate.poisson_ratio": Searched(0.2, 0.4)})
+    middle, other = (torch.tensor([ratio], dtype=torch.float64) for ratio in (0.3, 0.38))
+    found = extrapolate(model, 400.0).error
+    assert float((found - extrapolate(model, 400.0, middle).error).abs().max()) < 1e-9
+    assert float((found - extrapolate(model, 400.0, other).error).abs().max()) > 1e-5
