@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from torchplate.cli.config.build import load_model, load_run
-from torchplate.effects import Absorber, MeshDiscretisation, Plate, PointMass, SupportSpring
+from torchplate.effects import Absorber, DampingPatch, MeshDiscretisation, Plate, PointMass, SupportSpring
 from torchplate.model import PlateModel, Searched, SparseModel, extrapolate, reduce
 from torchplate.model.discretisation.reduced_basis import ritz_basis
 from torchplate.plate import Assembly, Mesh
@@ -279,3 +279,14 @@ def test_where_nobody_says_at_which_plate_the_mesh_error_is_that_of_the_middle_o
     found = extrapolate(model, 400.0).error
     assert float((found - extrapolate(model, 400.0, middle).error).abs().max()) < 1e-9
     assert float((found - extrapolate(model, 400.0, other).error).abs().max()) > 1e-5
+
+
+def test_of_elements_that_all_lose_alike_the_mesh_takes_as_much_of_the_loss_as_of_the_stiffness():
+    plain, patch = bare(Mesh(0.4, 0.4, 5, 5)), {"x": 0.5, "y": 0.5, "size": 1.0, "loss_factor": 0.2}
+    known = plain.known_values | {f"patch.{name}": value for name, value in patch.items()}
+    model = PlateModel(plain.mesh, {"plate": Plate(), "patch": DampingPatch()}, known)
+    lacks = extrapolate(model, 400.0).model.assembly.correction
+    assert float(lacks.stiffness.abs().max()) > 0
+    torch.testing.assert_close(
+        lacks.loss, 0.2 * lacks.stiffness, rtol=0, atol=1e-7 * float(lacks.stiffness.abs().max())
+    )
