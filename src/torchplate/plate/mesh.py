@@ -327,7 +327,7 @@ class Mesh:
         x: Float[Tensor, "*#batch"],
         y: Float[Tensor, "*#batch"],
         size: Float[Tensor, "*#batch"],
-        aspect: Float[Tensor, "*#batch"] | float = 1.0,
+        aspect: Float[Tensor, "*#batch"] | float,
     ) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
         """From where to where a rectangular patch goes along x and along y, relative [-]; see `coverage`."""
         stretch = math.sqrt(self.length_y / self.length_x) * aspect**0.5
