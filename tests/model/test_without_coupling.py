@@ -100,3 +100,16 @@ def test_modes_are_summed_alike_in_any_number_of_lines(n_member, monkeypatch):
     for name in ("LINES_AT_ONCE", "LINES_OF_ALL"):
         monkeypatch.setattr(modal_receptance, name, 7)
     assert torch.allclose(model.frf(theta, LINES), found, rtol=1e-12, atol=0.0)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("turned", [False, True])
+def test_many_channels_on_a_side_read_what_each_of_them_reads_alone(asked, turned):
+    """Each row of the shorter side is carried to the places and the modes, then to the many."""
+    model, theta = build().without_coupling(), torch.tensor([[0.02, 0.4], [0.3, 0.4]], dtype=torch.float64)
+    many, few = list(range(1, 18)), [8]
+    sides = (few, many) if turned else (many, few)
+    found = model.frf(theta, LINES, *sides)
+    alone = [model.frf(theta, LINES, *((few, [one]) if turned else ([one], few))) for one in many]
+    assert len(asked) == 1 + len(many)
+    torch.testing.assert_close(found, torch.cat(alone, dim=-1 if turned else -2), rtol=1e-9, atol=1e-12)
