@@ -7,8 +7,8 @@ TORCH = 2.13.0
 VENV = .venv
 BIN = $(VENV)/bin
 INSTALL = $(BIN)/pip install -q --no-compile
-# Who imports a file first compiles it and keeps that: a quarter of what is installed. To compile all takes longer than it
-# saves, and to keep nothing lets each process compile anew.
+# Who imports a file first compiles it and keeps that: to compile all that is installed takes longer than it saves, and to
+# keep nothing lets each process compile anew.
 export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL = help

@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -221,7 +222,9 @@ def report(folder: Path) -> None:
         rows.append(f"| {title} | {count} | {n} | {each} |")
     wrong = [line(record) for record in records if not all(judged(record))]
     print("\n".join(wrong))
-    head = "### states: rates\n\n| what | n | of | rate | 90 % interval |\n| --- | --- | --- | --- | --- |\n"
+    spent = [record["seconds_of_cpu"] for record in records if "seconds_of_cpu" in record]
+    cost = f"Seconds of CPU: {median(spent):.0f} in the middle, {max(spent):.0f} at worst.\n\n" if spent else ""
+    head = f"### states: rates\n\n{cost}| what | n | of | rate | 90 % interval |\n| --- | --- | --- | --- | --- |\n"
     told = "\n### what was wrong\n\n" + "".join(f"- {one}\n" for one in wrong or ["nothing"])
     (folder / "table.md").write_text(head + "\n".join(rows) + "\n" + told)
 

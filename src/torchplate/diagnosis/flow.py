@@ -36,7 +36,7 @@ def diagnose(
 ) -> Diagnosis:
     """Find where a model and a measurement disagree, name what is missing, add it, and show the gap shrink.
 
-    Torch has one thread meanwhile: more are slower here, and digits would hang on how many there are.
+    Torch and SciPy's BLAS have one thread meanwhile: more are slower, and digits would hang on how many there are.
 
     Args:
         model: the model as it is believed; its searched parameters are fitted, its numbers are not. All is done on the

@@ -69,7 +69,8 @@ def what_changed(
 ) -> Diagnosis:
     """Find what has changed between two tests of one plate.
 
-    Parameters that both models search are common to both tests, and so is what the model leaves of each mode.
+    Parameters that both models search are common to both tests, and so is what the model leaves of each mode. All is
+    done with one thread, as a diagnosis is.
 
     Args:
         reference: the test before.
