@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from torchplate.diagnosis import SETTINGS
-from torchplate.diagnosis.before_and_after import gap_of, location_of, overlay_of, step_of
+from torchplate.diagnosis.before_and_after import at_all_lines, gap_of, location_of, overlay_of, step_of
 from torchplate.diagnosis.judged import unfitted
-from torchplate.diagnosis.lines import about_peaks
+from torchplate.diagnosis.lines import about_peaks, every_nth
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.measurement import Channel, Measurement, Noise
@@ -142,6 +142,19 @@ def test_what_is_said_is_said_of_all_lines(lab):
         gaps = [float((test.frf - curve).norm(dim=0)[pair] / size[pair]) for curve in curves]
         assert (one.before, one.after) == pytest.approx(gaps, rel=1e-4)
         assert one.heldout == bool(heldout[pair])
+
+
+def test_a_fit_beside_fewer_lines_than_a_target_of_all_is_asked_for_all_of_them(lab):
+    """On another mesh fewer modes may be in the band, and lines left out that are looked at here."""
+    plate, frequency = lab.small_plate(), lab.SMALL_LINES
+    frf = plate.frf(lab.nobody, frequency)
+    noise = Noise(0.01 * frf.abs(), 0.01, (), torch.zeros_like(frf.abs()), None)
+    test = lab.measured(frequency, frf, plate.response, plate.reference)
+    whole = FrfTarget(test, noise, torch.zeros_like(test.measured))
+    fit = unfitted(ModelBuilder(plate, every_nth(whole, 2), as_given=True), plate)
+    assert len(fit.prediction) < len(frequency)
+    # In a basis.
+    assert float((at_all_lines(whole, fit) - frf).norm() / frf.norm()) < 1e-4
 
 
 def test_a_specimen_that_is_known_is_what_is_said_of_all_lines(lab):

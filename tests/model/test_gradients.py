@@ -285,17 +285,6 @@ def test_chunks_of_members_and_lines_change_no_gradient(plates) -> None:
 
 
 @pytest.mark.parametrize("loss_field", [False, True], ids=["proportional", "field"])
-def test_members_in_rows_and_columns_have_the_gradients_of_one_row(plates, loss_field: bool) -> None:
-    model = plates.build(RECTANGLE, None, EVERYTHING, loss_field=loss_field)
-    position, found = inside(model, 2, 3, seed=12), []
-    for where in (position, position.flatten(0, 1)):
-        given = where.clone().requires_grad_()
-        value = on_cube(model.frf, model, lines(plates, RECTANGLE, 4), [3], [8, 14])(given)
-        found.append(torch.autograd.grad(value.square().sum(), given)[0].flatten(0, -2))
-    assert jacobian_error(found[0], found[1]) < 1e-7
-
-
-@pytest.mark.parametrize("loss_field", [False, True], ids=["proportional", "field"])
 @pytest.mark.check
 def test_second_and_third_derivatives_are_exact(plates, loss_field: bool) -> None:
     searched = {k: EVERYTHING[k] for k in EVERYTHING if k not in ("plate.density", "plate.poisson_ratio")}
