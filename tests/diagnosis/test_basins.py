@@ -6,7 +6,7 @@ import torch
 from torchplate.diagnosis import basins
 from torchplate.diagnosis.basins import _spread, fit_from_the_box
 from torchplate.diagnosis.candidates.catalogue import candidates
-from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.fit import NOBODY, Beat, fit
 from torchplate.diagnosis.judged import judged_at
 from torchplate.effects import CATALOGUE
 
@@ -43,8 +43,9 @@ def test_the_likelihood_decides_between_basins(lab, monkeypatch, order):
     ends = [torch.tensor([0.7, 0.6], dtype=torch.float64), model.space.to_cube(known.theta)]
     asked = []
 
-    def as_it_is(builder, model, start, prior, wide, hopeless):
+    def as_it_is(builder, model, start, prior, wide, hopeless, beat):
         asked.append(hopeless)
+        assert beat == NOBODY
         return judged_at(builder, known, prior, start[0])
 
     monkeypatch.setattr(basins, "fit", as_it_is)
@@ -52,6 +53,25 @@ def test_the_likelihood_decides_between_basins(lab, monkeypatch, order):
     found = fit_from_the_box(scene.builder, model, {})
     assert torch.allclose(found.theta, known.theta)
     assert len(asked) == (2 if order[0] == 0 else 1)
+
+
+@torch.no_grad()
+def test_what_leads_nowhere_near_where_it_ended_already_is_not_followed(lab, monkeypatch):
+    scene = lab.Scene(hidden={"gain": 1.0})
+    model, before, asked = scene.state.model, scene.fit._replace(way=5.0), []
+    far = torch.tensor([[0.7, 0.6], [0.2, 0.9]], dtype=torch.float64)
+
+    def as_it_is(builder, model, start, prior, wide, hopeless, beat):
+        asked.append((hopeless, beat))
+        return judged_at(builder, scene.fit, prior, start[0])
+
+    monkeypatch.setattr(basins, "fit", as_it_is)
+    monkeypatch.setattr(basins, "_basins", lambda *_: list(far))
+    found = fit_from_the_box(scene.builder, model, {}, before=before)
+    # What is found stays what the box leads to, and is told from where it ended before.
+    assert found.cost > before.cost
+    limit = scene.builder.target.settings.searching.hopeless * before.square
+    assert asked == [(limit, Beat(5.0, before.cost))] * 2
 
 
 def test_an_effect_that_begins_at_nothing_has_one_direction(lab):

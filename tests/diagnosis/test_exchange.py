@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.fit import NOBODY, Beat, fit
 from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.diagnosis.selection import exchange as module
-from torchplate.diagnosis.selection.criterion import Hypothesis, choose
+from torchplate.diagnosis.selection.criterion import Hypothesis, choose, never_equivalent
 from torchplate.diagnosis.selection.exchange import Exchange
 from torchplate.diagnosis.selection.settling import Settling
 from torchplate.diagnosis.selection.trace import Naming, State
@@ -91,6 +91,30 @@ def test_rivals_have_to_come_nearer_where_far_more_than_noise_is_left(lab, monke
     left = lab.leaving(two.state.fit, square)
     two.exchange.beside_the_others(replace(two.state, fit=left), 1)
     assert limits == [pytest.approx(times * square)]
+
+
+@pytest.mark.check
+@torch.no_grad()
+@pytest.mark.parametrize("noise", [True, False])
+def test_beside_noise_others_have_to_come_near_to_be_followed(lab, monkeypatch, noise):
+    two, beats = Two(lab, "orthotropy", "sensor_gain"), []
+
+    def limited(*given, beat, **named):
+        beats.append(beat)
+        return fit(*given, beat=beat, **named)
+
+    monkeypatch.setattr(module, "fit", limited)
+    monkeypatch.setattr(module, "is_noise", lambda _: noise)
+    monkeypatch.setattr(two.exchange, "_is_far", lambda _: False)
+    state = replace(two.state, fit=two.state.fit._replace(way=3.0))
+    two.exchange.beside_the_others(state, 1)
+    two.exchange.without_needless(state, two.builder, state.named[:1])
+    above = never_equivalent(state.fit)
+    wanted = Beat(3.0 + above, state.fit.cost + above) if noise else NOBODY
+    assert beats == [wanted] * 2
+    # A name that is taken out in the end is fitted without, whatever that leaves.
+    two.exchange._fitted_without(state, state.named[0], two.builder)
+    assert beats[2:] == [NOBODY]
 
 
 @pytest.mark.check

@@ -16,7 +16,7 @@ from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import Fit, judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.selection import forward, ranking, settling
-from torchplate.diagnosis.selection.criterion import choose
+from torchplate.diagnosis.selection.criterion import choose, known_section
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.screen import Scored
@@ -24,6 +24,7 @@ from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 from torchplate.diagnosis.selection.worth import explains_some, tried_enough, worth_their_names
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.target import FrfTarget
+from torchplate.discrepancy import Found
 from torchplate.effects import CATALOGUE, Effect, Parameter
 from torchplate.measurement import PERFECT, NaturalFrequencies
 from torchplate.measurement.assessment.noise import Noise
@@ -585,10 +586,13 @@ def test_an_end_elsewhere_in_the_box_counts_by_what_hypotheses_are_compared_by(l
     best = scene.hypothesis("sensor_gain")
     best = replace(best, fit=far_from_noise(lab.leaving(best.fit, 5e4)))
     there = far_from_noise(lab.leaving(best.fit, 4.98e4))._replace(prior=off)
-    monkeypatch.setattr(forward, "fit_from_the_box", lambda *_: there)
+    known = []
+    monkeypatch.setattr(forward, "fit_from_the_box", lambda *given: known.append(given[-1]) or there)
     monkeypatch.setattr(selection.ranking, "from_there", lambda _, one, *__: [one])
     assert there.cost < best.fit.cost
     choice, ranked = selection._restarted(state, choose([best], state.fit), Ranked((), (best,)))
+    # What leads nowhere near where it ended need not be followed.
+    assert known == [best.fit]
     assert (choice.best.fit is there) == taken
     assert (ranked.hypotheses[0].fit is there) == taken
     assert bool(said) == taken
@@ -597,6 +601,22 @@ def test_an_end_elsewhere_in_the_box_counts_by_what_hypotheses_are_compared_by(l
 def far_from_noise(found: Fit) -> Fit:
     """As if the noise were as large as what is left."""
     return found._replace(judged=found.judged._replace(noise_scale=found.reduced_misfit**0.5))
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("alone", [True, False])
+def test_where_the_first_effect_alone_leaves_noise_the_baseline_is_told(lab, monkeypatch, alone):
+    scene = lab.Scene()
+    selection, gain, asked = ForwardSelection(scene.builder, {}, lambda _: None), scene.hypothesis("sensor_gain"), []
+    ranked = Ranked((), (gain,))
+    choice = choose(ranked.hypotheses, scene.fit)
+    monkeypatch.setattr(selection, "_needed", lambda _, rankings: rankings.append(ranked) or (choice, ranked))
+    monkeypatch.setattr(selection, "_restarted", lambda _, *needed: needed)
+    monkeypatch.setattr(forward, "is_alone", lambda best, one: alone and best is gain and one is ranked)
+    monkeypatch.setattr(selection, "_lower", lambda *given: asked.append(given[-1]))
+    monkeypatch.setattr(selection, "_explained", lambda state: state)
+    selection.add_effects(State(scene.state.model, scene.fit), 1)
+    assert asked == [alone]
 
 
 @torch.no_grad()
@@ -763,6 +783,26 @@ def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab):
     # 2.0 and 0.8: it need not be sharp, and it is no less than what is left.
     expected = selection.settling.left_by_mesh(coarse, fine, finer)
     assert left < float(marginal.whitened(marginal.over_noise(expected)).square().sum()) < 3 * left
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("excessive", [{}, {"thickness": 9.0}])
+def test_on_the_finer_mesh_a_specimen_begins_as_it_was_whatever_it_took_on(lab, monkeypatch, excessive):
+    scene, asked = lab.Scene(hidden={"gain": 1.0}), []
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    about = Found(torch.zeros(0), torch.zeros(0, 0), None)
+    of_fit, scale = scene.fit.beside, {**scene.fit.judged.scale, **excessive}
+    monkeypatch.setattr(of_fit, "about", about)
+    found = scene.fit._replace(judged=scene.fit.judged._replace(scale=scale))
+    assert (known_section(found) is None) == bool(excessive)
+    gain = scene.hypothesis("sensor_gain")
+    named = Naming(gain, choose([gain], scene.fit), scene.fit, (gain,))
+    state = replace(scene.state, fit=found, named=(named,))
+    monkeypatch.setattr(selection.exchange, "judged_again", lambda state: state)
+    monkeypatch.setattr(selection.exchange, "without_needless", lambda state, *_: state)
+    monkeypatch.setattr(settling, "fit", lambda *_, about, **__: asked.append(about) or scene.fit)
+    selection.settling.settled(state)
+    assert asked == [about]
 
 
 @torch.no_grad()

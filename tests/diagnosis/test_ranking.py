@@ -6,17 +6,22 @@ from dataclasses import replace
 import pytest
 import torch
 
+from torchplate.diagnosis.fit import Beat
 from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import with_candidate
 from torchplate.diagnosis.problem import Problem
 from torchplate.diagnosis.selection import afar
 from torchplate.diagnosis.selection import ranking as module
-from torchplate.diagnosis.selection.criterion import Choice, Hypothesis, is_noise
+from torchplate.diagnosis.selection import refit as refit_module
+from torchplate.diagnosis.selection.criterion import Choice, Hypothesis, is_noise, never_equivalent
+from torchplate.diagnosis.selection.grounded import is_alone
 from torchplate.diagnosis.selection.screen import Scored, screen, start_of
 from torchplate.diagnosis.selection.shortlist import kept
 from torchplate.diagnosis.selection.starts import spread_out
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 from torchplate.diagnosis.settings import SETTINGS
+from torchplate.discrepancy import Found
+from torchplate.effects import CATALOGUE
 from torchplate.model import Searched
 
 # What candidates promise to take from −2 ln L, the best one first.
@@ -408,6 +413,58 @@ def test_a_spring_that_stopped_short_goes_on_from_the_support_at_its_place(lab, 
 
 @torch.no_grad()
 @pytest.mark.check
+def test_one_that_had_not_stopped_short_is_not_followed_from_there(lab, monkeypatch):
+    scene = lab.Scene(hidden={"wire": (700.0, 0.0)})
+    right = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
+    # A support there is more probable by far.
+    right = replace(right, fit=lab.leaving(right.fit, right.fit.square + 1e3)._replace(way=7.0))
+    beats = []
+    refit = scene.ranking.refits.refit
+
+    def told(state, candidate, label, starts, *others, **more):
+        if candidate.name == "ground_spring":
+            beats.append(more["beat"])
+        return refit(state, candidate, label, starts, *others, **more)
+
+    monkeypatch.setattr(scene.ranking.refits, "refit", told)
+    scene.ranking.grounded.as_supports(scene.state, right)
+    (beat,) = beats
+    assert beat.way == 7.0
+    # By what chance takes, or what makes a support there.
+    assert beat.cost <= right.cost - SETTINGS.selecting.nothing**2
+    assert beat.sure == is_noise(right.fit)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(
+    ("noise", "best", "alone"),
+    [
+        # A support at the place of a spring is what that may be.
+        (("ground_spring", "support_spring"), "ground_spring", True),
+        (("ground_spring", "support_spring"), "support_spring", True),
+        (("ground_spring", "support_spring"), "point_mass", False),
+        (("ground_spring", "support_spring", "point_mass"), "ground_spring", False),
+        (("point_mass", "support_spring"), "point_mass", False),
+        (("support_spring",), "support_spring", True),
+        (("point_mass",), "point_mass", True),
+        ((), "point_mass", False),
+    ],
+)
+def test_what_is_grounded_and_the_support_that_it_may_be_are_one(scene, noise, best, alone):
+    names, nothing = ("ground_spring", "point_mass", "support_spring"), torch.zeros(0)
+    effects = {name: replace(scene.candidate("point_mass"), effect=CATALOGUE[name]()) for name in names[:2]}
+    effects["support_spring"] = replace(effects["point_mass"], effect=CATALOGUE["support_spring"](nodes=(3,)))
+    quiet, loud = (scene.fit._replace(judged=scene.fit.judged._replace(noise_scale=one)) for one in (1.0, 5.0))
+    every = {name: Hypothesis(one, name, quiet if name in noise else loud) for name, one in effects.items()}
+    scored = [
+        Scored(effects[name], name, scene.state.model, 0.1, {}, torch.zeros(1, 3), nothing, nothing)
+        for name in names[:2]
+    ]
+    assert is_alone(every[best], Ranked(tuple(scored), tuple(every.values()))) == alone
+
+
+@torch.no_grad()
+@pytest.mark.check
 def test_one_that_leaves_noise_stopped_short_too_where_a_support_is_far_more_likely(lab):
     scene = lab.Scene(hidden={"wire": (700.0, 0.0)})
     right = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
@@ -422,8 +479,11 @@ def test_one_that_leaves_noise_stopped_short_too_where_a_support_is_far_more_lik
 
 
 @pytest.mark.parametrize("needed", [(), ("gain",)])
-def test_beside_noise_what_promises_no_more_than_chance_waits_for_one_that_is_needed(scene, monkeypatch, needed):
+def test_beside_noise_what_promises_no_more_than_chance_waits_for_one_that_is_needed(lab, scene, monkeypatch, needed):
+    """Of what waits, that is fitted then which promises half of what an equivalent takes: 10 of 20."""
     one, state, nothing = scene.hypothesis("sensor_gain"), scene.state, torch.zeros(0)
+    taken = never_equivalent(one.fit) + 20.0
+    one = replace(one, fit=lab.leaving(one.fit, one.fit.square + state.fit.cost - one.fit.cost - taken))
     start = torch.zeros(1, 3)
     chosen = [
         (Scored(one.candidate, name, state.model, fall / state.fit.square, {}, start, nothing, nothing), start)
@@ -439,14 +499,14 @@ def test_beside_noise_what_promises_no_more_than_chance_waits_for_one_that_is_ne
     def checked(by_chance: float, some: int | None = None) -> list[str]:
         return [found.label for found in scene.ranking._checked(state, chosen[:some], by_chance)]
 
-    assert checked(20.0) == (list(PROMISED) if needed else ["gain", "mass"])
+    assert checked(20.0) == (["gain", "mass", "spring"] if needed else ["gain", "mass"])
 
     # What a larger effect contains comes before it, whatever it promises: it waits like all others.
     chosen.insert(1, chosen.pop())
-    every, above = ["gain", "mass", "delay", "spring"], ["gain", "mass"]
+    every, above = ["gain", "mass", "spring"], ["gain", "mass"]
     assert checked(20.0) == (every if needed else above)
     # The best is looked at whatever it promises.
-    assert checked(50.0) == (["gain", "delay", "mass", "spring"] if needed else above[:1])
+    assert checked(50.0) == (["gain", "mass", "spring"] if needed else above[:1])
     assert checked(20.0, 0) == []
 
 
@@ -491,18 +551,47 @@ def test_those_go_on_that_gained_a_quarter_of_what_the_best_did(scene):
     gain = scene.hypothesis("sensor_gain")
 
     def ended(way: float, cost: float) -> Hypothesis:
-        judged = gain.fit.judged._replace(cost=cost, white=1.0, n=1000.0)
+        judged = gain.fit.judged._replace(cost=cost, white=1.0, n=1000.0, noise_scale=1.0, scale={})
         return Hypothesis(gain.candidate, gain.label, gain.fit._replace(way=way, judged=judged, prior=0.0))
 
-    state = replace(scene.state, fit=ended(10_000.0, 12_000.0).fit)
+    before = ended(10_000.0, 12_000.0).fit
+    state = replace(scene.state, fit=before._replace(judged=before.judged._replace(noise_scale=5.0)))
     beat = scene.ranking._beat(state, [ended(3_000.0, 6_000.0), ended(2_000.0, 4_000.0)])
-    assert beat == pytest.approx((8_000.0, 10_000.0))
+    assert beat[:2] == pytest.approx((8_000.0, 10_000.0))
     # Where the best gained little, all that are as good as it, or nearly so.
     near = scene.ranking._beat(state, [ended(9_900.0, 11_900.0)])
     assert near.way > 9_900.0 + 100 + 30
     assert near.cost - 11_900.0 == pytest.approx(near.way - 9_900.0)
+    # A part of fifty times the noise is that of as many numbers once the noise is as large as what is left.
+    far = ended(9_900.0, 11_900.0)
+    far = replace(far, fit=far.fit._replace(judged=far.fit.judged._replace(white=50.0)))
+    way, cost, _ = scene.ranking._beat(state, [far])
+    assert way - cost + 2_000.0 == pytest.approx(SETTINGS.selecting.close_part * 49_000.0)
+    # Of what was run off already, and where nothing but noise was left, equivalents alone.
+    ended_near = scene.ranking._beat(state, [ended(9_999.0, 11_999.0)], ended=True)
+    assert ended_near.way - 9_999.0 == pytest.approx(never_equivalent(ended(0.0, 0.0).fit))
+    quiet = replace(state, fit=state.fit._replace(judged=state.fit.judged._replace(noise_scale=1.0)))
+    assert scene.ranking._beat(quiet, [ended(9_999.0, 11_999.0)])[:2] == pytest.approx(ended_near[:2])
+    loud = gain.fit.judged._replace(noise_scale=5.0)
+    assert not scene.ranking._beat(state, [replace(gain, fit=gain.fit._replace(way=1.0, judged=loud))]).sure
+    assert ended_near.sure
     # Without ways there is no racing.
     assert scene.ranking._beat(state, [ended(float("inf"), 0.0)]) == module.NOBODY
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(("known", "sure", "counts"), [(True, False, True), (False, False, False), (False, True, True)])
+def test_where_nothing_is_known_of_the_specimen_one_that_leaves_noise_counts_alone(
+    scene, monkeypatch, known, sure, counts
+):
+    """From there the first parts of a way say little of its end."""
+    asked = []
+    monkeypatch.setattr(refit_module, "fit", lambda *given: asked.append(given[-1]) or scene.fit)
+    about = Found(torch.zeros(0), torch.zeros(0, 0), None) if known else None
+    assert scene.fit.about is None
+    beat, start = Beat(1.0, 2.0, sure), torch.full((1, 3), 0.5)
+    scene.ranking.refits.refit(scene.state, scene.candidate("sensor_gain"), "g", start, about=about, beat=beat)
+    assert asked == [beat if counts else module.NOBODY]
 
 
 @pytest.mark.check

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.fit import NOBODY, Beat, fit
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior, Problem, widely
@@ -25,6 +25,7 @@ def fit_from_the_box(
     prior: Prior,
     start: Float[Tensor, "n_start n"] | None = None,
     free: list[int] | None = None,
+    before: Fit | None = None,
 ) -> Fit:
     """The fit of a model whose parameters may be anywhere in their intervals.
 
@@ -34,15 +35,18 @@ def fit_from_the_box(
         prior: what is known of its parameters beforehand.
         start: positions on the unit cube, the best first; the middle where it is left out.
         free: parameters that are spread; left out, all of them. The others stay where the first start has them.
+        before: where it ended already: what leads nowhere near that is not followed to its end.
     """
     n = len(model.names)
     first = model.known.new_full((1, n), 0.5) if start is None else start
     if not n:
         return fit(builder, model, first, prior, wide=False)
     found: Fit | None = None
+    beat = NOBODY if before is None else Beat(before.way, before.cost)
     for basin in _basins(builder, model, prior, first, list(range(n)) if free is None else free):
-        limit = math.inf if found is None else builder.target.settings.searching.hopeless * found.square
-        ended = fit(builder, model, basin[None], prior, wide=False, hopeless=limit)
+        least = min((one.square for one in (before, found) if one is not None), default=math.inf)
+        limit = builder.target.settings.searching.hopeless * least
+        ended = fit(builder, model, basin[None], prior, wide=False, hopeless=limit, beat=beat)
         found = ended if found is None or ended.cost < found.cost else found
         if is_noise(found):
             break

@@ -26,10 +26,13 @@ class Beat(NamedTuple):
     Attributes:
         way: of another fit, and what is near it.
         cost: likewise.
+        sure: whether that one leaves nothing but noise, so that it counts from the first parts of a way on, even where
+            these begin with nothing known of the specimen and say little of its end.
     """
 
     way: float = math.inf
     cost: float = math.inf
+    sure: bool = False
 
 
 NOBODY = Beat()

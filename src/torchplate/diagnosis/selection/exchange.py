@@ -7,11 +7,19 @@ from dataclasses import replace
 import torch
 
 from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at
-from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.fit import NOBODY, Beat, fit
 from torchplate.diagnosis.judged import Fit, settled
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate, without_candidate
 from torchplate.diagnosis.problem import Prior
-from torchplate.diagnosis.selection.criterion import Hypothesis, choose, is_explained, is_needed, known_section
+from torchplate.diagnosis.selection.criterion import (
+    Hypothesis,
+    choose,
+    is_explained,
+    is_needed,
+    is_noise,
+    known_section,
+)
+from torchplate.diagnosis.selection.near import to_beat
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.trace import Naming, State
 from torchplate.diagnosis.settings import SETTINGS
@@ -111,8 +119,8 @@ class Exchange:
         starts = [[values[name] for name in model.names] for values in (then | now, now | then)]
         start = model.space.to_cube(torch.tensor(starts).to(state.fit.theta)).clamp(1e-3, 1 - 1e-3)
         limit = self._hopeless(state.fit)
-        about = known_section(state.fit)
-        found = fit(self.builder, model, start, self.prior, wide=False, hopeless=limit, about=about)
+        about, beat = known_section(state.fit), self._beat(state.fit)
+        found = fit(self.builder, model, start, self.prior, wide=False, hopeless=limit, about=about, beat=beat)
         self.say(f"  {rival.name} in place of {naming.hypothesis.name}: misfit {found.reduced_misfit:.4g}")
         return replace(rival, fit=found)
 
@@ -133,6 +141,10 @@ class Exchange:
             self.say(f"  {one.candidate.name} promises {one.drop:.3g} in place of {naming.hypothesis.name}")
             found.append(self.ranking.refits.refit(without, one.candidate, one.label, one.starts, limit))
         return found
+
+    def _beat(self, now: Fit) -> Beat:
+        """What another model has to come near: where noise is left, to be an equivalent."""
+        return to_beat(now, self.settings, beside_noise=True) if is_noise(now) else NOBODY
 
     def _is_far(self, now: Fit) -> bool:
         """Whether far more than noise is left."""
@@ -225,5 +237,6 @@ class Exchange:
         # What an interval was widened for may lie outside of it.
         start = without.model.space.to_cube(without.fit.theta)[None].clamp(0.0, 1.0)
         about = known_section(state.fit)
-        found = fit(builder, without.model, start, self.prior, wide=False, hopeless=hopeless, about=about)
+        beat = NOBODY if math.isinf(hopeless) else self._beat(state.fit)
+        found = fit(builder, without.model, start, self.prior, wide=False, hopeless=hopeless, about=about, beat=beat)
         return State(without.model, found, tuple(one for one in state.named if one is not naming))

@@ -33,6 +33,7 @@ from torchplate.diagnosis.selection.criterion import (
     weight_of,
 )
 from torchplate.diagnosis.selection.exchange import Exchange
+from torchplate.diagnosis.selection.grounded import is_alone
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.screen import twins
 from torchplate.diagnosis.selection.settling import Settling
@@ -206,8 +207,7 @@ class ForwardSelection:
             ranked = rankings[-1]
             single = self._added(state, choice, ranked)
             # The best alone leaves nothing but noise, or others were fitted from where it does.
-            alone = [one.name for one in ranked.hypotheses if is_noise(one.fit)] == [choice.best.name]
-            alone = alone or (ranked is not needed[1] and is_noise(choice.best.fit))
+            alone = is_alone(choice.best, ranked) or (ranked is not needed[1] and is_noise(choice.best.fit))
             if not state.named and (lower := self._lower(state, single, ranked, alone)) is not None:
                 # The ranking was beside another baseline: it holds where this was the second time, or no other did.
                 holds = (lowered or alone) and is_needed(lower.fit, choice.best, ranked.chance(choice.best.name))
@@ -249,7 +249,7 @@ class ForwardSelection:
         start = whole.space.to_cube(best.fit.theta)[None]
         free = [index for index, name in enumerate(whole.names) if name in state.model.names]
         found = fit_from_the_box(
-            self.builder, with_candidate(state.model, best.label, best.candidate), self.prior, start, free
+            self.builder, with_candidate(state.model, best.label, best.candidate), self.prior, start, free, best.fit
         )
         there, weight = replace(best, fit=found), weight_of([best.fit, found])
         if found.cost >= best.fit.cost or there.against(weight) >= best.against(weight):

@@ -8,9 +8,9 @@ import torch
 from torchplate.diagnosis.candidates.supports import STRENGTHS, supports_at, tighter_at
 from torchplate.diagnosis.fit import NOBODY, Beat
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.selection.criterion import Hypothesis, weight_of
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise, weight_of
 from torchplate.diagnosis.selection.refit import Refits
-from torchplate.diagnosis.selection.trace import State
+from torchplate.diagnosis.selection.trace import Ranked, State
 
 
 class Grounded:
@@ -66,7 +66,7 @@ class Grounded:
             # One number more takes so much by chance, or because it is there; else the way there had stopped short.
             nearer = found.fit.cost - self.settings.nothing**2 / weight_of([best.fit]).likelihood
             if best.fit.cost < nearer:
-                again = self._from_support(state, found, best, hopeless)
+                again = self._from_support(state, found, best, hopeless, nearer)
                 if again.fit.cost < nearer:
                     return self.as_supports(state, again, hopeless, beat, taken_up=True)
         return found, [one for one in refit if not _is_slack(one)]
@@ -86,8 +86,18 @@ class Grounded:
         part = 2 * math.pi * float(spread.nan_to_num(1.0)) ** 0.5
         return replace(support, coincidence=max(0.0, -2 * math.log(min(1.0, part))))
 
-    def _from_support(self, state: State, found: Hypothesis, support: Hypothesis, hopeless: float) -> Hypothesis:
-        """What is grounded at a place, fitted from where a support at that place took the rest of the model."""
+    def _from_support(
+        self, state: State, found: Hypothesis, support: Hypothesis, hopeless: float, nearer: float
+    ) -> Hypothesis:
+        """What is grounded at a place, fitted from where a support at that place took the rest of the model.
+
+        Args:
+            state: without it.
+            found: with it, where it had ended.
+            support: at that place.
+            hopeless: sum of squares beyond which the fit is not followed to its end.
+            nearer: −2 ln of the posterior probability below which its end counts.
+        """
         whole = found.fit.model
         values = dict(zip(whole.names, found.fit.theta.tolist(), strict=True))
         for name, value in zip(support.fit.model.names, support.fit.theta.tolist(), strict=True):
@@ -95,7 +105,21 @@ class Grounded:
             if own in values:
                 values[own] = value
         start = torch.tensor([list(values.values())]).to(found.fit.theta)
-        return self.refits.refit(state, found.candidate, found.label, whole.space.to_cube(start), hopeless)
+        starts, beat = whole.space.to_cube(start), Beat(found.fit.way, nearer, is_noise(found.fit))
+        return self.refits.refit(state, found.candidate, found.label, starts, hopeless, beat=beat)
+
+
+def is_alone(best: Hypothesis, ranked: Ranked) -> bool:
+    """Whether the best of a ranking alone leaves nothing but noise.
+
+    What is grounded and the support that it may be are one: such a support was not scored.
+    """
+    scored = {one.candidate.name for one in ranked.promises}
+    noise = [one for one in ranked.hypotheses if is_noise(one.fit)]
+    ways = [one for one in noise if one.name in scored]
+    if len(ways) == 1 and len(noise) > 1:
+        return ways[0].candidate.effect.to_ground is not None and any(one.name == best.name for one in noise)
+    return [one.name for one in noise] == [best.name]
 
 
 def _is_slack(support: Hypothesis) -> bool:

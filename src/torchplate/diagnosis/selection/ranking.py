@@ -21,6 +21,7 @@ from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_n
 from torchplate.diagnosis.selection.details import Details
 from torchplate.diagnosis.selection.grounded import Grounded
 from torchplate.diagnosis.selection.instead import Instead
+from torchplate.diagnosis.selection.near import apart
 from torchplate.diagnosis.selection.null import Draws, limits, once_in_a_hundred
 from torchplate.diagnosis.selection.refit import Refits
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
@@ -156,7 +157,7 @@ class Ranking:
         if ends:
             first = min(ends, key=lambda one: one.cost)
             ends = best_of_each([*ends, *self.instead.of(state, first, everyone, self._beat(state, [first]))])
-        limit, beat = self._hopeless(ends), self._beat(state, ends)
+        limit, beat = self._hopeless(ends), self._beat(state, ends, ended=True)
         ends = best_of_each([*ends, *self.details.fitted(state, ends)])
         ends = best_of_each([*ends, *self.details.left_out(state, ends)])
         for found in ends:
@@ -306,7 +307,7 @@ class Ranking:
         return found
 
     def _checked(self, state: State, chosen: Sequence[tuple[Scored, Tensor]], by_chance: float) -> list[Hypothesis]:
-        """Refits beside noise: what promises more than chance, or the best; all others where one of these is needed.
+        """Refits beside noise: what promises more than chance, or the best; and what may be its equivalent, if needed.
 
         Args:
             state: that leaves noise.
@@ -317,24 +318,36 @@ class Ranking:
         above = [one for one in chosen if _exceeds_chance(one[0], state.fit.square, by_chance)] or list(chosen[:1])
         found = self._refitted(state, above)
         if any(is_needed(state.fit, one, chance_of(promises, one.name, by_chance)) for one in found):
-            others = [one for one in chosen if all(one is not other for other in above)]
+            best = min((one.fit for one in found), key=lambda one: one.cost)
+            # An equivalent takes nearly as much as the best, and of that a step that is linear shows half.
+            least = state.fit.cost - best.cost - never_equivalent(best)
+            least *= self.settings.selecting.explains_much / state.fit.square
+            others = [one for one in chosen if one[0].drop >= least and all(one is not other for other in above)]
             found += self._refitted(state, others, found)
         return found
 
-    def _beat(self, state: State, found: Sequence[Hypothesis]) -> Beat:
+    def _beat(self, state: State, found: Sequence[Hypothesis], ended: bool = False) -> Beat:
         """What a fit has to come near in its first basis to be followed to its end.
 
         Those are followed that have gained a quarter of what the best has; or that are so near that they are run off
         with it, or are its equivalents.
+
+        Args:
+            state: without them.
+            found: what was fitted.
+            ended: whether that was run off already.
         """
         best = min((one.fit for one in found), key=lambda one: one.cost, default=None)
         if best is None or math.isinf(best.way):
             return NOBODY
         settings = self.settings.selecting
-        near = settings.close + settings.close_part * best.square + never_equivalent(best)
+        near = apart(best, settings, ended or is_noise(state.fit))
         part = settings.explains_some
         pairs = (best.way, state.fit.way), (best.cost, state.fit.cost)
-        return Beat(*(here + max(near, part * (before - here)) for here, before in pairs))
+        way, cost = (
+            here + max(close, part * (before - here)) for close, (here, before) in zip(near, pairs, strict=True)
+        )
+        return Beat(way, cost, is_noise(best))
 
     def _begun(
         self, state: State, ways: Iterable[tuple[Scored, list[Tensor]]], about: Found | None = None
@@ -415,8 +428,8 @@ class Ranking:
             least = found[0].cost
             # Beside a specimen that is fitted too, ways to one end agree to a few.
             fitted_too = self.builder.target.wandering != UNIFORM
-            apart = settings.close + settings.close_part * found[0].fit.square
-            within = never_equivalent(found[0].fit) if fitted_too else apart
+            valley = settings.close + settings.close_part * found[0].fit.square
+            within = never_equivalent(found[0].fit) if fitted_too else valley
             close = [one for one in found if one.cost - least < within]
             if not is_noise(found[0].fit) and not fitted_too:
                 close = found[: max(settings.n_best, len(close))]

@@ -61,7 +61,7 @@ class Refits:
         whole = with_candidate(state.model, label, candidate)
         about = about or known_section(state.fit)
         # From where nothing is known of the specimen, the first parts of a way say little of its end.
-        beat = NOBODY if about is None else beat
+        beat = NOBODY if about is None and not beat.sure else beat
         found = fit(self.builder, whole, starts, self.prior, False, hopeless, about, begun, beat)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}, −2 ln L {found.cost:.1f}")
         return Hypothesis(candidate, label, found, n_option=self.n_option.get(candidate.name, 1))

@@ -76,8 +76,9 @@ class Settling:
             self.say("settling on a finer mesh")
             builder = self.on_a_finer_mesh(state)
         start = state.model.space.to_cube(state.fit.theta)[None]
-        about = known_section(state.fit)
-        settled = replace(state, fit=fit(builder, state.model, start, self.prior, wide=False, about=about))
+        # It is the same model: whatever its specimen has taken on, it will again.
+        fine = fit(builder, state.model, start, self.prior, wide=False, about=state.fit.about)
+        settled = replace(state, fit=fine)
         if little:
             small = self.settings.small_gap * target.floor
             last = state.named[-1] if doubted else None

@@ -8,6 +8,9 @@ from torch import Tensor
 
 from torchplate.model import reciprocal
 
+# Fractions that are made together: 8 MiB of them.
+AT_ONCE = 2**19
+
 
 @dataclass(frozen=True, eq=False)
 class Resonances:
@@ -55,9 +58,14 @@ class Resonances:
         """
         found, pole = self.residue.new_zeros(len(frequency), *drift.shape), self.pole[self.resonates]
         here, rows = self._columns(frequency, pole), torch.cat([self.residue[self.resonates], self.smooth])
-        for one in drift.unique().tolist():
-            which = drift == one
-            found[:, which] = (self._columns(frequency * (1 + one), pole) - here) @ rows[:, which]
+        every = drift.unique()
+        # Some records at once: their lines are one long row.
+        for some in every.split(max(1, AT_ONCE // here.numel())):
+            lines = frequency * (1 + some[:, None])
+            there = self._columns(lines.flatten(), pole).unflatten(0, lines.shape)
+            for one, change in zip(some, there - here, strict=True):
+                which = drift == one
+                found[:, which] = change @ rows[:, which]
         return found
 
     def spread(self, frequency: Float[Tensor, " n_frequency"], wanted: int) -> Int[Tensor, " n_kept"]:
