@@ -43,6 +43,12 @@ def test_every_rate_of_a_blind_set_is_held_against_what_is_wanted(folder: Path) 
     ]
 
 
+def test_a_table_whose_cases_were_run_at_two_commits_says_both(folder: Path) -> None:
+    path = folder / "workshop" / "Y" / "table.md"
+    path.write_text(TABLE.replace("at commit abc1234", "0 to 5 at commit abc1234 and 6 to 10 at commit def5678"))
+    assert all(", abc1234 and def5678 |" in row.cells() for row in blind(folder))
+
+
 def test_times_are_held_against_scipy_at_its_best(tmp_path: Path) -> None:
     seconds = {"1": (2.0, 0.1), "2": (5.0, 0.05)}
     found = {

@@ -89,8 +89,9 @@ def blind(folder: Path = RUNS / "blind") -> Iterator[Count]:
     """The rates of every table of plates with hidden effects."""
     for path in sorted(folder.rglob("table.md")):
         text = path.read_text()
-        commit = re.search(r"at commit (\w+)", text)
-        source = f"`runs/{path.relative_to(folder.parent).as_posix()}`" + (f", {commit[1]}" if commit else "")
+        # Some cases may have been run at one commit, and the others at a later one.
+        commit = " and ".join(re.findall(r"at commit (\w+)", text))
+        source = f"`runs/{path.relative_to(folder.parent).as_posix()}`" + (f", {commit}" if commit else "")
         for stratum, table in re.findall(r"### (\w+): rates\n(.*?)\n\n(?=#|\Z)", text, flags=re.DOTALL):
             for what, n, of in re.findall(r"^\| +([^|]+?) \| (\d+) \| (\d+) \|", table, flags=re.MULTILINE):
                 yield Count(f"{stratum}: {what}", source, int(n), int(of))
