@@ -8,6 +8,7 @@ from torchplate.diagnosis import problem as problem_module
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Problem
+from torchplate.diagnosis.settings import Fineness
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement.assessment.noise import Noise
@@ -202,6 +203,30 @@ def test_the_mesh_error_is_found_once_for_all_fits(lab, plate, truth, monkeypatc
     assert len(asked) == 1
     assert own.model.assembly.correction is given_up.model.assembly.correction
     assert own.model.assembly.correction is not None
+
+
+@torch.no_grad()
+@pytest.mark.check
+def test_a_patch_ends_beside_the_mesh_error_of_where_it_is(lab, plate, truth):
+    """Two fits of one patch from two sides, each on a mesh whose error is taken off."""
+    patch = {"patch.y": 0.4, "patch.size": 0.35, "patch.aspect": 1.0}
+    searched = BOX | {"patch.x": Searched(0.1, 0.9), "patch.factor": Searched(0.1, 1.5, True)}
+    effects = {**plate.effects, "patch": CATALOGUE["stiffness_loss"]()}
+    given = plate.replaced(effects=effects, known=KNOWN | patch, searched=searched)
+    fine = ModelBuilder(given, measured(lab, plate.frf(truth, LINES), 0), fineness=Fineness(1200, 0.0, 0.0, 0.0, 0.0))
+    values = TRUTH | {"patch.x": 0.6, "patch.factor": 0.3}
+    true = torch.tensor([values[name] for name in given.names], dtype=torch.float64)
+    frf = fine.corrected(fine.given, true).model.frf(true, LINES)
+    builder = ModelBuilder(given, measured(lab, frf, 0))
+    off = true[None].repeat(2, 1)
+    off[:, given.names.index("patch.x")] = torch.tensor([0.45, 0.7])
+    off[:, given.names.index("patch.factor")] = torch.tensor([0.6, 0.5])
+    ends = [fit(builder, builder.given, start[None], wide=False) for start in given.space.to_cube(off)]
+    for one in ends:
+        assert builder.is_right_at(one.model, one.theta)
+        assert float(one.theta[given.names.index("patch.x")]) == pytest.approx(0.6, abs=5e-3)
+    one, other = ends
+    assert one.cost == pytest.approx(other.cost, abs=builder.target.settings.fitting.little)
 
 
 @torch.no_grad()

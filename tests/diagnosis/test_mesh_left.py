@@ -133,30 +133,34 @@ def test_frfs_that_were_computed_on_the_given_mesh_are_said_to_be_and_no_effect_
 @pytest.mark.check
 def test_of_a_plate_with_a_patch_the_mesh_error_is_taken_off_with_the_patch_in_it(lab):
     """Modes on a mesh of 14 × 14 elements, their error taken off, against one of four times as many along a side."""
-    own = {"x": 0.37, "y": 0.61, "size": 0.23, "factor": 0.3}
-    patch = {f"patch.{key}": value for key, value in own.items()}
+    at = {"x": 0.37, "y": 0.61, "size": 0.23, "factor": 0.3}
+    patch = {f"patch.{key}": value for key, value in at.items()}
     bare = lab.Scene().builder.plain
     builder = ModelBuilder(bare, lab.Scene().builder.target, fineness=replace(SETTINGS.meshes.searching, least=200))
     theta = bare.space.to_si(torch.tensor([0.4, 0.3], dtype=torch.float64))
-    builder.corrected(builder.given, theta)
+    plain = builder.corrected(builder.given, theta)
     effects = {**bare.effects, "patch": CATALOGUE["stiffness_loss"]()}
     whole = builder.adopt(bare.replaced(effects=effects, known=bare.known_values | patch))
 
-    def seen(maker: ModelBuilder) -> torch.Tensor:
+    def seen(maker: ModelBuilder, corrected: PlateModel) -> torch.Tensor:
         """Natural frequencies, those of a free plate's own motion left out [Hz]."""
-        corrected = maker.corrected(whole, theta).model
         return maker.reduced(corrected, theta[None]).natural_frequencies(theta)[3:12]
 
     fine = ModelBuilder(bare, builder.target, fineness=replace(SETTINGS.meshes.searching, least=200 * 16))
-    wanted = seen(fine.taken_off_at(whole, theta))
-
-    def off(maker: ModelBuilder) -> float:
-        return float((seen(maker) / wanted - 1).abs().max())
-
-    before = off(builder)
-    assert off(builder.taken_off_at(whole, theta)) < 0.3 * before
-    # What others share stays as it is.
-    assert off(builder) == before
+    wanted = seen(fine, fine.corrected(whole, theta).model)
+    own = builder.corrected(whole, theta).model
+    shared, taken_off = (
+        float((seen(builder, one) / wanted - 1).abs().max()) for one in (on_mesh(whole, plain.model.assembly), own)
+    )
+    assert taken_off < 0.3 * shared
+    # What is searched beside it shares it, one without it does not, and neither does another patch.
+    gain = {"effects": effects | {"gain": CATALOGUE["sensor_gain"]()}}
+    gain["known"] = bare.known_values | patch | {"gain.gain": 1.2}
+    assert builder.corrected(builder.adopt(bare.replaced(**gain)), theta).model.assembly is own.assembly
+    assert builder.corrected(builder.given, theta).model.assembly is plain.model.assembly
+    moved = builder.adopt(bare.replaced(effects=effects, known=bare.known_values | patch | {"patch.x": 0.4}))
+    assert builder.is_right_at(own, theta)
+    assert not builder.is_right_at(on_mesh(moved, own.assembly), theta)
 
 
 @pytest.mark.check

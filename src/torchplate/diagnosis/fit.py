@@ -109,9 +109,10 @@ def fit(
     value, way, known = torch.inf, math.inf, about
     # A model where it ended beside a specimen that was known, in the basis of that fit.
     other: PlateModel | None = None
+    corrected = builder.corrected(model, model.space.to_si(position)).model
     for turn in range(settings.most_bases):
         theta = model.space.to_si(position)
-        if turn <= 1:
+        if turn == 1 or not builder.is_right_at(corrected, theta):
             corrected = builder.corrected(model, theta).model
         plain = builder.reduced(corrected, theta[None], about=about)
         specimens = target.specimens(plain, theta)
@@ -147,7 +148,8 @@ def fit(
             beat = NOBODY
         if float(moved) < 1e-6:
             break
-        if turn > 0 and abs(before - value) <= settings.settled * value:
+        at_rest = turn > 0 and abs(before - value) <= settings.settled * value
+        if at_rest and builder.is_right_at(corrected, model.space.to_si(position)):
             break
         if turn + 1 >= settings.n_basis and value > settings.falling * before:
             break

@@ -74,9 +74,9 @@ class OfKind(NamedTuple):
     """
 
     found: Extrapolated
-    kind: Float[Tensor, " n_entry"]
+    kind: Float[Tensor, "#n_element n_entry"]
 
-    def holds(self, kind: Float[Tensor, " n_entry"], shift: float) -> bool:
+    def holds(self, kind: Float[Tensor, "#n_element n_entry"], shift: float) -> bool:
         """Whether another plate has nearly the same error; what kinds differ by changes it by as much of itself.
 
         Args:
@@ -84,18 +84,19 @@ class OfKind(NamedTuple):
             shift: by how much of itself a natural frequency may be off [-].
         """
         worst = float(self.found.error.abs().amax()) if len(self.found.error) else 0.0
-        return float((kind - self.kind).norm()) * worst <= shift
+        apart = (kind - self.kind).square().sum(-1).mean().sqrt()
+        return float(apart) * worst <= shift
 
 
-def kind_of(plan: Plan) -> Float[Tensor, " n_entry"]:
-    """Rigidities over unit sides, mean over the elements, over their norm [-]: so plates of one kind share their modes.
+def kind_of(plan: Plan) -> Float[Tensor, "#n_element n_entry"]:
+    """Rigidities of elements over unit sides, over the norm of their mean [-]: plates of one kind share their modes.
 
     D_ij of κ_x, κ_y and 2 κ_xy goes with 1/(L_i L_j) of these over a square.
     """
     x, y = plan.geometry
     side = torch.stack([x.square(), y.square(), x * y]).to(plan.section.rigidity)
-    found = plan.section.rigidity.mean(-3) / (side[:, None] * side)
-    return (found / found.norm()).flatten()
+    found = (plan.section.rigidity / (side[:, None] * side)).flatten(-2)
+    return found / found.mean(-2).norm()
 
 
 class ModelBuilder:
@@ -152,8 +153,8 @@ class ModelBuilder:
 
         What the stiffness of a plate lacks on a mesh goes with its rigidity, whatever is attached to it: it is found
         once for all plates of a kind. With Poisson's ratio, the grain, or the ratio of the sides the modes change, and
-        it with them. Edges that are held on springs are another matter, and so is a section that differs from place to
-        place.
+        it with them, and with a section that differs from place to place: what stands beside a patch is compared with
+        the patch alone. Edges that are held on springs are another matter.
 
         Args:
             model: in all dofs.
@@ -177,19 +178,17 @@ class ModelBuilder:
         self._known.append(known)
         return known.found._replace(model=on_mesh(plain, known.found.model.assembly))
 
-    def taken_off_at(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> "ModelBuilder":
-        """The same, the mesh error taken off being that of a plate whose section differs from place to place.
+    def is_right_at(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> bool:
+        """Whether the mesh error that was taken off a model is that of its plate with these parameters, too.
 
         Args:
-            model: the plate with what makes it so, in all dofs.
-            theta: its searched parameters.
+            model: whose mesh error was taken off by this builder.
+            theta: other parameters of it.
         """
-        twin = self.against(self.target)
-        twin._known = deque(maxlen=self._known.maxlen)
-        if not self.as_given:
-            found = self.corrected(model, theta, anew=True)
-            twin._known.append(OfKind(found, kind_of(model.plan(theta))))
-        return twin
+        if self.as_given or self.held:
+            return True
+        kind, own = kind_of(model.plan(theta)), model.assembly
+        return any(one.found.model.assembly is own and one.holds(kind, self.fineness.shift) for one in self._known)
 
     def _extrapolated(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Extrapolated:
         """From the working mesh and the one twice as fine."""

@@ -147,8 +147,7 @@ def comparing_of(
     found = told.fit.model.as_dict(told.fit.theta)
     theta = torch.tensor([found.get(name, middle) for name, middle in start.items()]).to(builder.given.known)
     # At the plate that the reference's was taken off at: between two plates it differs, and would stand for a change.
-    builder = builder.taken_off_at(builder.given, theta)
-    model = builder.corrected(builder.given, theta).model
+    model = builder.corrected(builder.given, theta, anew=True).model
     alone = [name for name in model.names if name in own or name not in told.names]
     known = replace(told.drifted(), place=place_std(builder.target.imperfections, builder.target.mesh_left))
     return Comparing(After(builder, model, known, tuple(alone)), after.model, list(numbers), say)

@@ -136,8 +136,6 @@ class Settling:
     def on_a_finer_mesh(self, state: State) -> ModelBuilder:
         """What builds the last models, with the mesh error taken off where a state is."""
         builder = self.builder.as_fine_as(self.builder.target.settings.meshes.settling)
-        if any(one.hypothesis.candidate.is_patch for one in state.named):
-            builder = builder.taken_off_at(state.model, state.fit.theta)
         return builder.expecting(builder.corrected(state.model, state.fit.theta))
 
     def as_given_from(self, builder: ModelBuilder, model: PlateModel, before: Fit, wide: bool) -> Fit:
