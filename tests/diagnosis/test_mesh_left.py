@@ -147,7 +147,11 @@ def test_of_a_plate_with_a_patch_the_mesh_error_is_taken_off_with_the_patch_in_i
         return maker.reduced(corrected, theta[None]).natural_frequencies(theta)[3:12]
 
     fine = ModelBuilder(bare, builder.target, fineness=replace(SETTINGS.meshes.searching, least=200 * 16))
-    wanted = seen(fine, fine.corrected(whole, theta).model)
+    finest = fine.corrected(whole, theta).model
+    wanted = seen(fine, finest)
+    # Whatever mesh the model that is asked for was on.
+    assert fine.is_right_at(finest, theta)
+    assert fine.corrected(whole, theta).model.assembly is finest.assembly
     own = builder.corrected(whole, theta).model
     shared, taken_off = (
         float((seen(builder, one) / wanted - 1).abs().max()) for one in (on_mesh(whole, plain.model.assembly), own)

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import torchplate as tp
-from torchplate.identification import Result
+from torchplate.identification import Result, basis_check
 from torchplate.measurement import MeasurementError
 from torchplate.search import LeastSquares
 
@@ -31,6 +31,22 @@ def test_the_truth_of_exact_frfs_is_found(found, bench):
     assert found.parameters["wires.stiffness"].unit == "N/m"
     assert found.objective == pytest.approx(0.0, abs=1e-6)
     assert found.theta.tolist() == [value.value for value in found.parameters.values()]
+
+
+def test_what_takes_minutes_on_a_very_fine_mesh_is_said_before_it_is_begun(bench, monkeypatch):
+    told = []
+
+    def look() -> None:
+        tp.identify(bench.plate(SEARCHED), bench.exact_frfs(), search=SEARCH, seed=1, n_generation=1, say=told.append)
+
+    look()
+    assert not any("takes minutes" in line for line in told)
+    told.clear()
+    monkeypatch.setattr(basis_check, "LARGE", 10)
+    monkeypatch.setattr(basis_check, "reduce", lambda *_: told.append("begun"))
+    look()
+    assert "takes minutes" in told[0]
+    assert told[1] == "begun"
 
 
 def test_a_model_on_any_device_is_searched_there_and_found(bench, found, device):

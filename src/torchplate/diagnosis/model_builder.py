@@ -167,7 +167,7 @@ class ModelBuilder:
             return Extrapolated(plain, nothing, nothing)
         if anew:
             return self._extrapolated(plain, theta)
-        kind = kind_of(model.plan(theta))
+        kind = kind_of(plain.plan(theta))
         holding = (index for index, one in enumerate(self._known) if one.holds(kind, self.fineness.shift))
         if self.held or (index := next(holding, None)) is None:
             known = OfKind(self._extrapolated(plain, theta), kind)

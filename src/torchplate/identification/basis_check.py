@@ -12,6 +12,8 @@ from torchplate.search import Outcome
 
 # Relative FRF norm, or relative error of a natural frequency, beyond which a basis is not believed.
 TOLERANCE = 1e-4
+# Dofs from which looking for a basis takes minutes: a factor of 160,000 elements takes seconds, and there are hundreds.
+LARGE = 100_000
 # Members of the last population, the best first, whose error in the basis is estimated.
 N_ESTIMATED = 8
 
@@ -33,6 +35,11 @@ def in_reduced_basis(
     model = objective.model
     if basis == "full" or (not model.names and model.assembly.size <= DENSE):
         return objective, None
+    if model.assembly.size > LARGE:
+        say(
+            f"looking for a basis of {model.assembly.size} dofs, which takes minutes; a coarser mesh with "
+            "mesh.extrapolate says as much"
+        )
     small = reduce(model, *wanted(objective))
     if small is None:
         if model.assembly.size > DENSE:
