@@ -8,7 +8,8 @@ import torch
 from torchplate.effects import Absorber
 from torchplate.model import SparseModel, extrapolate, ritz_basis
 from torchplate.model.discretisation import fine_mesh
-from torchplate.model.discretisation.fine_mesh import SHIFT, _solver
+from torchplate.model.discretisation.direct_solves import solver as direct_solver
+from torchplate.model.discretisation.fine_mesh import SHIFT
 from torchplate.plate import Mesh
 
 # 324 to about 630 dofs.
@@ -161,13 +162,13 @@ def test_each_line_is_solved_for_the_side_of_fewer_channels(plates, relative_err
     places = [2, (0.91, 0.23), 17, (0.4, 0.77), 33]
     points = {"response": places[: 1 + n_more], "reference": places[-4 + n_more :]}
     model = plates.build(mesh, plates.damping_of_every_kind(mesh), **points)
-    solver = fine_mesh._solver
+    solver = fine_mesh.solver
 
     def counted(matrix):
         solve = solver(matrix)
         return lambda right: columns.append(right.shape[1]) or solve(right)
 
-    monkeypatch.setattr(fine_mesh, "_solver", counted)
+    monkeypatch.setattr(fine_mesh, "solver", counted)
     found = SparseModel(model, plates.nothing).frf(FREQUENCY)
     assert columns == [1] * len(FREQUENCY)
     # Both solve the same dynamic stiffness, in another order.
@@ -241,6 +242,6 @@ def test_a_solve_that_needs_pivots_finds_them():
     for corner in (0.0, 1e-17):
         matrix = scipy.sparse.csc_array([[corner, 1.0, 0.0], [1.0, 1.0, 2.0], [0.0, 2.0, 0.5]], dtype=complex)
         right = torch.tensor([[1.0], [2.0], [3.0]], dtype=torch.complex128).numpy()
-        found = torch.from_numpy(_solver(matrix)(right))
+        found = torch.from_numpy(direct_solver(matrix)(right))
         exact = torch.linalg.solve(torch.from_numpy(matrix.toarray()), torch.from_numpy(right))
         assert torch.allclose(found, exact, rtol=1e-12, atol=1e-12)

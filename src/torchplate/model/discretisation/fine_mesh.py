@@ -15,6 +15,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from torchplate.model.discretisation.direct_solves import Solve, cut, factor, solver, with_low_rank
 from torchplate.model.plate_model import PlateModel
 from torchplate.model.receptance.modes import Modes
 from torchplate.plate import STIFFEST, AddedMass
@@ -23,14 +24,6 @@ from torchplate.plate import STIFFEST, AddedMass
 DENSE = 1000
 # Shift below zero [rad²/s²]: a free plate's K is singular, K + shift M is not. About 5 Hz.
 SHIFT = 1e3
-# An ordering for symmetric patterns, and no pivots: half the fill of SuperLU's default.
-SYMMETRIC: dict[str, Any] = {
-    "permc_spec": "MMD_AT_PLUS_A",
-    "diag_pivot_thresh": 0.0,
-    "options": {"SymmetricMode": True},
-}
-# What a solve without pivots may leave over, relative to ‖Z‖ ‖x‖: hundreds of times rounding. Else pivots are sought.
-BACKWARD = 1e-13
 # Dofs for each mode that is wanted, up to which all modes by LAPACK take about as long as these alone by shift-invert.
 WHOLE = 8
 # Modes asked for beyond those expected: the count of a single plate scatters about its mean.
@@ -184,7 +177,7 @@ class SparseModel:
         """
         stiffness, correction = self.stiffness, self.correction
         mass: Any = self.mass
-        solve: Callable[[np.ndarray], np.ndarray] = self.solve
+        solve: Solve = self.solve
         size = stiffness.shape[0]
         if self.hung and not bare:
             stiffness, mass = self._undamped()
@@ -242,7 +235,7 @@ class SparseModel:
     def _modes_from(
         self,
         near: Float[Tensor, "n k"],
-        solve: Callable[[np.ndarray], np.ndarray],
+        solve: Solve,
         mass: Any,
         n_mode: int,
         frequency: float,
@@ -386,11 +379,10 @@ class SparseModel:
         stiffness: scipy.sparse.csr_array,
         mass: scipy.sparse.csr_array,
         correction: tuple[np.ndarray, np.ndarray] | None,
-    ) -> Callable[[np.ndarray], np.ndarray]:
+    ) -> Solve:
         """Solves with K + shift M, which is positive definite: no pivot is needed."""
         whole = self._beside(stiffness + SHIFT * mass, SHIFT)
-        factor = scipy.sparse.linalg.splu(whole.tocsc(), **SYMMETRIC)
-        return _with_low_rank(_cut(factor.solve, stiffness.shape[0], whole.shape[0]), correction)
+        return with_low_rank(cut(factor(whole.tocsc()).solve, stiffness.shape[0], whole.shape[0]), correction)
 
     def _beside(self, matrix: scipy.sparse.csr_array, weight: float | complex) -> scipy.sparse.csr_array:
         """A matrix of the plate, bordered by what is spread over it.
@@ -417,9 +409,7 @@ class SparseModel:
         for line in weight.T:
             impedance = sum(w * part for part, w in zip(parts, line, strict=True))
             whole = self._beside(impedance, line[1])
-            solve = _with_low_rank(
-                _cut(_solver(whole.tocsc()), impedance.shape[0], whole.shape[0]), self._low_rank(line)
-            )
+            solve = with_low_rank(cut(solver(whole.tocsc()), impedance.shape[0], whole.shape[0]), self._low_rank(line))
             found = many @ solve(few.T.astype(complex))
             lines.append(found.T if turned else found)
         return torch.from_numpy(np.stack(lines)).to(laplace)
@@ -443,46 +433,3 @@ class _Spread:
         """C Rᵀ C R times columns."""
         found: np.ndarray = self.coefficient * (self.rows.T @ (self.coupling @ (self.rows @ columns)))
         return found
-
-
-def _cut(solve: Callable[[np.ndarray], np.ndarray], size: int, whole: int) -> Callable[[np.ndarray], np.ndarray]:
-    """A solve with a bordered matrix of some size as one over the first unknowns."""
-    if size == whole:
-        return solve
-
-    def cut(right: np.ndarray) -> np.ndarray:
-        return solve(np.concatenate([right, np.zeros((whole - size, *right.shape[1:]), right.dtype)]))[:size]
-
-    return cut
-
-
-def _with_low_rank(
-    solve: Callable[[np.ndarray], np.ndarray], more: tuple[np.ndarray, np.ndarray] | None
-) -> Callable[[np.ndarray], np.ndarray]:
-    """A solve with A made one with A + Uᵀ B U (Woodbury, 1950); B need not have an inverse."""
-    if more is None:
-        return solve
-    rows, middle = more
-    columns = solve(np.ascontiguousarray(rows.T).astype(middle.dtype))
-    small = np.linalg.solve(np.eye(len(rows)) + middle @ (rows @ columns), middle)
-
-    def corrected(right: np.ndarray) -> np.ndarray:
-        moved: np.ndarray = solve(right)
-        return moved - columns @ (small @ (rows @ moved))
-
-    return corrected
-
-
-def _solver(matrix: scipy.sparse.csc_array) -> Callable[[np.ndarray], np.ndarray]:
-    """Solves with a complex symmetric matrix: without pivots where what that leaves over is as small as with them."""
-    factor = scipy.sparse.linalg.splu(matrix, **SYMMETRIC)
-    norm = scipy.sparse.linalg.norm(matrix, 1)
-
-    def solve(right: np.ndarray) -> np.ndarray:
-        found: np.ndarray = factor.solve(right)
-        if np.linalg.norm(matrix @ found - right) <= BACKWARD * norm * np.linalg.norm(found):
-            return found
-        again: np.ndarray = scipy.sparse.linalg.splu(matrix).solve(right)
-        return again
-
-    return solve
