@@ -36,6 +36,26 @@ def test_what_parts_twins_is_proposed(planned):
     assert max(one.probability for one in others) < 0.75
 
 
+class AskedError(Exception):
+    pass
+
+
+class Asked(Lab):
+    def proposals(self, *_):
+        raise AskedError(f"{torch.get_num_threads()} at work")
+
+
+def test_it_takes_one_thread_however_many_the_process_has(lab):
+    twins, before = lab.twins("level"), torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        with pytest.raises(AskedError, match="1 at work"):
+            plan(twins.model, twins.measurement, [twins.doubt], lab=Asked(), settings=lab.COARSE)
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
 @torch.no_grad()
 @pytest.mark.parametrize("true", [0, 1])
 @pytest.mark.check
