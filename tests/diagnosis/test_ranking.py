@@ -626,6 +626,26 @@ def test_what_else_may_sit_where_the_best_does_is_tried_there(lab, monkeypatch):
 
 @pytest.mark.check
 @torch.no_grad()
+def test_the_best_is_tried_at_the_mirror_images_of_its_place(lab, monkeypatch):
+    """A mass that was found on the wrong side of the plate, whose natural frequencies say the same there."""
+    scene = lab.Scene(hidden={"mass": 0.05})
+    x, y = lab.spot
+    wrong = scene.hypothesis("point_mass", start=torch.tensor([0.5, 0.6, 1 - x, y, 0.4]))
+    assert wrong.own["x"] == pytest.approx(1 - x, abs=0.2)
+    (right,) = scene.ranking.instead.at_images(scene.state, wrong)
+    assert right.fit.square < 0.5 * wrong.fit.square
+    assert is_noise(right.fit)
+    assert (right.own["x"], right.own["y"]) == pytest.approx((x, y), abs=0.01)
+    assert scene.ranking.instead.at_images(scene.state, scene.hypothesis("sensor_gain")) == []
+    # And of a ranking it is.
+    monkeypatch.setattr(scene.ranking, "_run_off", lambda *_: [wrong])
+    monkeypatch.setattr(scene.ranking.instead, "of", lambda *_: [])
+    (named,) = scene.ranking.at(scene.state).hypotheses
+    assert named.fit.cost == right.fit.cost
+
+
+@pytest.mark.check
+@torch.no_grad()
 def test_a_twin_that_moves_the_modulus_by_many_widths_of_a_peak_is_found(lab):
     """A level 4 % too low is more mass: of a density beside a higher modulus, or of a thickness beside a lower one."""
     box = {"plate.youngs_modulus": Searched(1.4e11, 2.9e11), "loss.stiffness_loss_factor": Searched(1e-4, 5e-2, True)}

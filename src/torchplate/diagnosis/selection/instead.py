@@ -1,4 +1,8 @@
-"""What else may be there instead of the best: at its place, or all over the plate as it is."""
+"""What else may be there instead of the best: at its place, or all over the plate as it is; or the best elsewhere.
+
+A plate has the same natural frequencies with something at each of the mirror images of its place, as far as what it
+hangs on has these, too, and few FRFs hardly tell them apart.
+"""
 
 from collections.abc import Sequence
 
@@ -10,7 +14,7 @@ from torchplate.diagnosis.candidates.trials import spread_at
 from torchplate.diagnosis.fit import Beat
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior
-from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise, known_section
 from torchplate.diagnosis.selection.refit import Refits
 from torchplate.diagnosis.selection.screen import new_label, screen, start_of
 from torchplate.diagnosis.selection.starts import nearest
@@ -55,6 +59,29 @@ class Instead:
             limit = self.settings.searching.hopeless * min(other.fit.square for other in found)
             found.append(self.refits.refit(state, one, label, starts, limit, about, beat=beat))
         return found[1:]
+
+    def at_images(self, state: State, best: Hypothesis) -> list[Hypothesis]:
+        """The best once more, from the mirror images of its place, and on a square from those turned by a right angle.
+
+        Args:
+            state: without it.
+            best: of the hypotheses.
+        """
+        if not best.candidate.has_place:
+            return []
+        own, mesh = best.own, self.builder.mesh
+        x, y = own["x"], own["y"]
+        places = [(1 - x, y), (x, 1 - y), (1 - x, 1 - y)]
+        if abs(mesh.length_x / mesh.length_y - 1) < self.settings.inferring.square:
+            places += [(v, u) for u, v in [(x, y), *places]]
+        theta = best.beside(state.model)
+        whole = with_candidate(state.model, best.label, best.candidate)
+        starts = torch.stack(
+            [start_of(whole, theta, state.model, own | {"x": u, "y": v}, best.label) for u, v in places]
+        )
+        limit, beat = self.settings.searching.hopeless * best.fit.square, Beat(best.fit.way, best.fit.cost)
+        about = known_section(best.fit)
+        return [self.refits.refit(state, best.candidate, best.label, starts, limit, about, beat=beat)]
 
     def _at(
         self, state: State, best: Hypothesis, everyone: Sequence[Candidate], place: tuple[float, float]

@@ -156,6 +156,8 @@ class Ranking:
         ends = self._run_off(state, hypotheses)
         if ends:
             first = min(ends, key=lambda one: one.cost)
+            ends = best_of_each([*ends, *self.instead.at_images(state, first)])
+            first = min(ends, key=lambda one: one.cost)
             ends = best_of_each([*ends, *self.instead.of(state, first, everyone, self._beat(state, [first]))])
         limit, beat = self._hopeless(ends), self._beat(state, ends, ended=True)
         ends = best_of_each([*ends, *self.details.fitted(state, ends)])
