@@ -275,5 +275,8 @@ def test_a_number_that_was_said_to_be_known_may_be_what_is_wrong():
     # Somebody has measured it.
     assert [one.overrules for one in told] == [True]
     assert not any(one.overrules for one in candidates(beside, theta, CHANNELS))
+    # Or nobody has, and it is held by what was measured of other numbers.
+    held = candidates(beside, theta, CHANNELS, told=["sides.ratio"], measured=[])
+    assert [one.overrules for one in held if one.name == "aspect_ratio"] == [False]
     # Beside what it was said to be known to.
     assert told[0].searched["ratio"].low < 0.95

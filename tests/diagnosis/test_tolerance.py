@@ -9,7 +9,7 @@ from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Problem
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.diagnosis.tolerance import with_tolerances
+from torchplate.diagnosis.tolerance import measured, with_tolerances
 from torchplate.effects import CATALOGUE
 from torchplate.measurement.assessment.noise import Noise
 from torchplate.model import PlateModel, Searched
@@ -100,6 +100,15 @@ def test_a_density_that_is_searched_takes_the_area_along():
     assert set(held.prior) == {"sides.ratio"}
     assert set(held.model.names) == {"sides.ratio", "plate.density"}
     assert float(held.model.space.high.max()) == 8.5e3
+
+
+def test_a_density_that_was_not_measured_is_not_taken_for_it_where_sides_were():
+    tolerance = {**RULER, "plate.thickness": 1e-5}
+    held = with_tolerances(plate(), tolerance)
+    assert set(held.prior) == {"sides.ratio", "plate.density", "plate.thickness"}
+    assert measured(held.prior, tolerance) == {"sides.ratio", "plate.thickness"}
+    weighed = {**tolerance, "plate.density": 20.0}
+    assert measured(with_tolerances(plate(), weighed).prior, weighed) == {*held.prior}
 
 
 def test_an_unknown_name_is_said():

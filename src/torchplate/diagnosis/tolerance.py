@@ -77,3 +77,13 @@ def with_tolerances(model: PlateModel, tolerance: Mapping[str, float]) -> Held:
         key: replace(interval, logarithmic=interval.low > 0) for key, interval in (model.searched | wanted).items()
     }
     return Held(model.replaced(effects=effects, known=rest, searched=straight), prior)
+
+
+def measured(prior: Prior, tolerance: Mapping[str, float]) -> frozenset[str]:
+    """Of the numbers that are held those that somebody has measured: a density in which the area alone shows is none.
+
+    Args:
+        prior: "label.parameter" → mean and standard deviation.
+        tolerance: as they were told.
+    """
+    return frozenset(name for name in prior if tolerance.get(name, 0.0) > 0 or name == f"{SIDES}.ratio")

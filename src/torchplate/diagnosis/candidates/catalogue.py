@@ -28,6 +28,7 @@ def candidates(
     channels: Channels,
     rearranged: Rearrangements | None = None,
     told: Collection[str] = (),
+    measured: Collection[str] | None = None,
 ) -> list[Candidate]:
     """Every effect that this model may lack, once for each choice of its options.
 
@@ -36,7 +37,8 @@ def candidates(
         theta: its searched parameters.
         channels: labels of the responses and references that were measured.
         rearranged: exchanges and turns of them that promise something; None where there are none.
-        told: searched numbers of the model that somebody has said how well he knows: he may have been wrong.
+        told: searched numbers of the model that are held by what is known of them, which may be wrong.
+        measured: those of them that somebody has measured himself; left out, all.
     """
     plan = model.plan(theta)
     found = []
@@ -81,7 +83,8 @@ def candidates(
                 for key, own in effect.parameters.items()
                 if own.detail
             }
-            overrules = any(_own_numbers(model, effect, key) & {*told} for key in free)
+            certain = {*(told if measured is None else measured)}
+            overrules = any(_own_numbers(model, effect, key) & certain for key in free)
             found.append(
                 Candidate(
                     effect, chosen, searched, neutral, tuple(far), tuple(near), replaces, widened, detail, overrules

@@ -6,7 +6,7 @@ two. In the end each name is judged again beside the others.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 import torch
@@ -40,7 +40,7 @@ from torchplate.diagnosis.selection.settling import Settling
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 from torchplate.diagnosis.selection.worth import explains_much, explains_some, tried_enough, worth_their_names
 from torchplate.diagnosis.target import FrfTarget
-from torchplate.diagnosis.tolerance import with_tolerances
+from torchplate.diagnosis.tolerance import measured, with_tolerances
 from torchplate.model import PlateModel
 
 
@@ -51,12 +51,20 @@ class ForwardSelection:
         builder: makes and evaluates models, beside the evidence.
         prior: what is known of the given model's parameters beforehand.
         say: is told what is being tried.
+        measured: names in the prior that somebody has measured himself; left out, all.
     """
 
-    def __init__(self, builder: ModelBuilder, prior: Prior, say: Callable[[str], None]) -> None:
-        self.builder, self.prior, self.say = builder, prior, say
+    def __init__(
+        self,
+        builder: ModelBuilder,
+        prior: Prior,
+        say: Callable[[str], None],
+        measured: Collection[str] | None = None,
+    ) -> None:
+        self.builder, self.prior, self.say, self.measured = builder, prior, say, measured
         self.settings = builder.target.settings.selecting
-        self.ranking = Ranking(builder, prior, channels_of(builder.given), say, self._beside_a_finer_mesh)
+        channels = channels_of(builder.given)
+        self.ranking = Ranking(builder, prior, channels, say, self._beside_a_finer_mesh, measured)
         self.exchange = Exchange(builder, self.ranking, prior, say)
         self.settling = Settling(builder, prior, self.ranking, self.exchange, say)
         # A baseline, and where it ended on the given mesh: asked for before effects are looked for, and in the end.
@@ -64,7 +72,7 @@ class ForwardSelection:
 
     def against(self, target: FrfTarget) -> "ForwardSelection":
         """The same beside other evidence."""
-        return ForwardSelection(self.builder.against(target), self.prior, self.say)
+        return ForwardSelection(self.builder.against(target), self.prior, self.say, self.measured)
 
     @classmethod
     def of(
@@ -82,7 +90,7 @@ class ForwardSelection:
         builder = ModelBuilder(given, target)
         middle = builder.given.space.to_si(given.known.new_full((len(given.names),), 0.5))
         found = builder.corrected(builder.given, middle)
-        return cls(builder.thinned(found).expecting(found), prior, say)
+        return cls(builder.thinned(found).expecting(found), prior, say, measured(prior, tolerance))
 
     def baseline(self) -> State:
         """The given model, fitted on a mesh whose error is taken off."""
@@ -106,7 +114,7 @@ class ForwardSelection:
         if not is_explained(found, builder.target):
             return None
         self.say("the given mesh, with its error, leaves nothing but noise")
-        return ForwardSelection(builder, self.prior, self.say), State(builder.given, found)
+        return ForwardSelection(builder, self.prior, self.say, self.measured), State(builder.given, found)
 
     def robust_baseline(self, baseline: State) -> tuple["ForwardSelection", State]:
         """The baseline where channels that disagree with all others do not bend it; the fits then see these.

@@ -1,7 +1,7 @@
 """The whole catalogue beside one model: score every effect, take the best ones down, refit what ends near the best."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 
 import torch
@@ -42,6 +42,7 @@ class Ranking:
         channels: what was measured.
         say: is told what is being tried.
         finer: the catalogue beside a model that leaves noise, scored on a finer mesh, where it promises nothing.
+        measured: names in the prior that somebody has measured himself; left out, all.
     """
 
     def __init__(
@@ -51,8 +52,10 @@ class Ranking:
         channels: Channels,
         say: Callable[[str], None],
         finer: Callable[[State], Ranked | None] = lambda _: None,
+        measured: Collection[str] | None = None,
     ) -> None:
         self.builder, self.prior, self.channels, self.say, self.finer = builder, prior, channels, say, finer
+        self.measured = measured
         self.settings = builder.target.settings
         self.refits, self.afar = Refits(builder, prior, say), FromAfar(builder, prior)
         self.details = Details(builder, self.refits)
@@ -224,7 +227,7 @@ class Ranking:
         base = self.builder.reduced(state.fit.model, state.fit.theta[None], by_element=True, about=state.fit.about)
         base = self.builder.target.specimen(base, state.fit.theta, state.fit.about)
         rearranged = self._rearranged(state)
-        everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys())
+        everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys(), self.measured)
         self.say(f"scoring {len(everyone)} candidates")
         n_option = {one.name: sum(other.name == one.name for other in everyone) for one in everyone}
         n_option |= {"channel_swap": rearranged.n_swap, "channel_polarity": rearranged.n_polarity}
