@@ -69,14 +69,14 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     text = " ".join(README.split())
     right, false = "one effect, named right", "a false name, all but beyond"
     silent = "nothing hidden, called consistent"
-    for table, cases in (("M/table.md", "clean cases"), ("workshop/Z/table.md", "workshop plates")):
+    for table, cases in (("Q/table.md", "clean cases"), ("workshop/R/table.md", "workshop plates")):
         (n, of), (kept, still), (both, pairs), (named, _) = (
             rate(table, what) for what in (right, silent, "two effects, both right", false)
         )
         every, _ = rate(table, "crashes")[::-1]
         assert (
             f"of [{every} {cases}](runs/blind/{table}) {n} of {of} single effects, {kept} of {still} with nothing "
-            f"hidden, {both} of {pairs} pairs, and {named} false names" in text
+            f"hidden, {both} of {pairs} pairs, and {named} false name{'s' * (named != 1)}" in text
         )
     (n, of), (named, every) = rate("tables/X/table.md", right), rate("tables/X/table.md", false)
     assert (
@@ -91,7 +91,7 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     )
 
 
-@pytest.mark.parametrize("table", ["M", "states/F", "tables/X", "workshop/Z"])
+@pytest.mark.parametrize("table", ["Q", "states/F", "tables/X", "workshop/R"])
 def test_the_map_of_runs_says_which_cases_the_committed_tables_are_of(table):
     head = (ROOT / "runs/blind" / table / "table.md").read_text().splitlines()[0]
     numbers = re.findall(r"\d+", re.match(r"Cases ([\d andto]+),", head)[1])

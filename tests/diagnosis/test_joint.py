@@ -192,19 +192,15 @@ def test_what_cannot_get_near_is_left_soon(workshop, monkeypatch):
     monkeypatch.setattr(Joint, "_cost", cost)
     monkeypatch.setattr(Joint, "_lower", lambda _, here, *__: Lower(here, None, marginal, 10.0, 1e3))
     monkeypatch.setattr(Joint, "descend", lambda _, where, shift, *__: (where, shift, 1.0))
-    for beat, hopeless, known, n in (
+    for beat, hopeless, n in (
         # Ten for each part, of which one is judged before the first.
-        (-10.0 * (1 + hoped), 3.0, True, 1 + n_part),
-        (-10.0 * (1 + hoped) - 5.0, 3.0, True, 2),
-        # Where nothing is known of the specimen, all that are left.
-        (-10.0 * n_part, 3.0, False, 1 + n_part),
-        (-10.0 * n_part - 5.0, 3.0, False, 2),
+        (-10.0 * (1 + hoped), 3.0, 1 + n_part),
+        (-10.0 * (1 + hoped) - 5.0, 3.0, 2),
         # A sum of squares that no longer falls, and is too large.
-        (math.inf, 1.0, True, 2),
-        (math.inf, 1.0, False, 2),
+        (math.inf, 1.0, 2),
     ):
         costs.clear()
-        way = Joint(builder, builder.given, workshop.specimens, {}, None, hopeless, beat, known)
+        way = Joint(builder, builder.given, workshop.specimens, {}, hopeless=hopeless, beat=beat)
         way.descend_sharply(position, workshop.shift)
         assert len(costs) == n
 

@@ -131,7 +131,7 @@ def fit(
             best = int(values.argmin())
             position, value = places[best], float(values[best])
         else:
-            joint = Joint(builder, model, specimens, prior, None, hopeless, beat.way, known=about is not None)
+            joint = Joint(builder, model, specimens, prior, hopeless=hopeless, beat=beat.way)
             position, about, value, way = _jointly(joint, starts, about, begun)
             begun = None
             if known is not None:

@@ -74,8 +74,6 @@ class Joint:
         scale: of each group of nuisances, times what was said of it; 1 where it is left out.
         hopeless: sum of squares beyond which it need not come to its end.
         beat: −2 ln of a posterior probability, likewise.
-        known: whether anything is known of the specimen where it begins; else the first parts of a way say little of
-            those that follow, and each of these may be hoped to lead as far.
     """
 
     def __init__(
@@ -87,12 +85,10 @@ class Joint:
         scale: Mapping[str, float] | None = None,
         hopeless: float = math.inf,
         beat: float = math.inf,
-        known: bool = True,
     ) -> None:
         self.builder, self.model, self.specimens, self.prior = builder, model, specimens, prior
         self.target, self.settings = builder.target, builder.target.settings.fitting
         self.scale, self.hopeless, self.beat = dict(scale or {}), hopeless, beat
-        self.hoped = self.settings.hoped if known else self.settings.n_way
         self._before: tuple[Tensor, Tensor, Marginal | None, int] | None = None
         self._recent: list[tuple[Tensor, Tensor, OfChannels | None, Tensor]] = []
         self.std = model.known.new_tensor([self.scale.get(name, 1.0) for name in specimens.names])
@@ -194,7 +190,7 @@ class Joint:
             *end, half = self.descend(*here, sharp, n_iteration, damping, louder, channels)
             half *= noise
             # At this rate it would not get there in as many parts as it may be hoped to go on so.
-            left, hoped = min(left, settings.hoped), min(left, self.hoped)
+            left = min(left, settings.hoped)
             if 2 * (half - left * max(0.0, value - half)) > self.hopeless:
                 value = min(value, half)
                 break
@@ -214,7 +210,7 @@ class Joint:
             marginal = about.with_variance(marginal.variance) if held else about
             after = self._cost(*here, channels, marginal)
             louder, noise = self._louder(here, channels, marginal)
-            behind, cost = after - hoped * max(0.0, cost - after) > self.beat, after
+            behind, cost = after - left * max(0.0, cost - after) > self.beat, after
             if cost < best[0]:
                 best = cost, here, channels, marginal
             costs.append(best[0])
