@@ -624,6 +624,31 @@ def test_what_else_may_sit_where_the_best_does_is_tried_there(lab, monkeypatch):
     assert scene.ranking.instead.of(scene.state, little, everyone, module.NOBODY) == []
 
 
+@torch.no_grad()
+def test_a_law_of_damping_is_refitted_where_dampings_would_have_to_scatter_more_than_tests_have_them(
+    scene, monkeypatch
+):
+    """Whatever it promises: each mode has taken on its part, and from there the way to it is not linear."""
+    asked: list[str] = []
+    laws = {name for name, effect in CATALOGUE.items() if "damping_scatter" in effect.like}
+    monkeypatch.setattr(module, "beside_what_was_told", lambda *given: replace(given[-1]))
+    monkeypatch.setattr(module, "excessive", lambda _: {"damping_scatter": 3.6})
+    monkeypatch.setattr(scene.ranking, "_widely", lambda *_: ([], []))
+    monkeypatch.setattr(
+        scene.ranking,
+        "_refitted",
+        lambda _, chosen, *__, **___: asked.extend(one.candidate.name for one, _ in chosen) or [],
+    )
+    for known, wanted in ((Found(torch.zeros(0), torch.zeros(0, 0), None), True), (None, False)):
+        asked.clear()
+        monkeypatch.setattr(module, "known_section", lambda _, known=known: known)
+        scene.ranking.at(scene.state)
+        assert (laws - {"hysteretic_damping"} <= {*asked}) is wanted
+    assert laws == {
+        "viscous_damping", "hysteretic_damping", "exponential_window", "directional_damping", "frequency_dependent_loss"
+    }  # fmt: skip
+
+
 @pytest.mark.check
 @torch.no_grad()
 def test_the_best_is_tried_at_the_mirror_images_of_its_place(lab, monkeypatch):

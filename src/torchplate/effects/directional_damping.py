@@ -32,6 +32,7 @@ class DirectionalDamping(Effect):
     acts_on = frozenset({"damping", "section"})
     # The same in all directions, it is a loss factor of the whole plate.
     contains = ("hysteretic_damping",)
+    like = frozenset({"damping_scatter"})
     shows = "Modes that bend along x, along y and those that twist are rounded by different fractions; levels stay."
     source = (
         "McIntyre and Woodhouse, On measuring the elastic and damping constants of orthotropic sheet materials, 1988"

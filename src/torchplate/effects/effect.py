@@ -108,6 +108,9 @@ class Effect(ABC):
 
     `contains` names simpler effects that it becomes at an end of its parameters: they are tried first, and it only
     where they leave something.
+
+    `like` names what every test has a little of and that looks like it: a law of damping is like the scatter of the
+    modes' own dampings. Where a test would need far more of that than tests have, the effect is tried.
     """
 
     name: ClassVar[str]
@@ -119,6 +122,7 @@ class Effect(ABC):
     check: ClassVar[Check | None] = None
     to_ground: ClassVar[str | None] = None
     contains: ClassVar[tuple[str, ...]] = ()
+    like: ClassVar[frozenset[str]] = frozenset()
 
     def __init_subclass__(cls) -> None:
         """Enter the catalogue under the class's name in snake case."""

@@ -18,6 +18,7 @@ class ExponentialWindow(Effect):
     }
     check = Check(1, "look up the window in the analyser's set-up, or record once without it")
     acts_on = frozenset({"sensor chain"})
+    like = frozenset({"damping_scatter"})
     shows = "Every peak is wider by the same number of hertz, rate/π; β widens it in proportion to its frequency."
     source = "Fladung and Rost, Application and correction of the exponential window, MSSP 11 (1997) 23"
 

@@ -28,6 +28,7 @@ class FrequencyDependentLoss(Effect):
     }
     check = Check(3, "record free decays of a low and a high mode: the decay rates part the laws of damping")
     acts_on = frozenset({"damping", "section"})
+    like = frozenset({"damping_scatter"})
     shows = "Peaks are rounder the higher they are, or the lower, and stand a little higher than one modulus lets them."
     source = "Bagley and Torvik, J. Rheol. 27 (1983) 201; Pritz, J. Sound Vib. 195 (1996) 103"
 

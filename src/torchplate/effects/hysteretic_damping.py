@@ -21,6 +21,7 @@ class HystereticDamping(Effect):
     }
     check = Check(3, "record free decays of a low and a high mode: the decay rates part the laws of damping")
     acts_on = frozenset({"damping"})
+    like = frozenset({"damping_scatter"})
     shows = "Rounds every peak by the same fraction of its frequency (β), or the low ones more (η)."
     source = "seed paper, Eq. 17–18; Ewins, Modal Testing (2000), section 2.4"
 

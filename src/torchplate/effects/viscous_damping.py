@@ -21,6 +21,7 @@ class ViscousDamping(Effect):
     }
     check = Check(3, "record free decays of a low and a high mode: the decay rates part the laws of damping")
     acts_on = frozenset({"damping"})
+    like = frozenset({"damping_scatter"})
     shows = "Rounds low peaks by mass_coefficient and high peaks by stiffness_coefficient."
     source = "Rayleigh, Theory of Sound (1877); Ewins, Modal Testing (2000), section 2.5"
 

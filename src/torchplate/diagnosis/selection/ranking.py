@@ -17,7 +17,14 @@ from torchplate.diagnosis.lines import every_nth
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.afar import FromAfar
-from torchplate.diagnosis.selection.criterion import Hypothesis, is_needed, is_noise, known_section, never_equivalent
+from torchplate.diagnosis.selection.criterion import (
+    Hypothesis,
+    excessive,
+    is_needed,
+    is_noise,
+    known_section,
+    never_equivalent,
+)
 from torchplate.diagnosis.selection.details import Details
 from torchplate.diagnosis.selection.grounded import Grounded
 from torchplate.diagnosis.selection.instead import Instead
@@ -25,7 +32,7 @@ from torchplate.diagnosis.selection.near import apart
 from torchplate.diagnosis.selection.null import Draws, limits, once_in_a_hundred
 from torchplate.diagnosis.selection.refit import Refits
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
-from torchplate.diagnosis.selection.shortlist import best_of_each, contained, kept, promising
+from torchplate.diagnosis.selection.shortlist import best_of_each, contained, kept, looking_like, promising
 from torchplate.diagnosis.selection.starts import beside_what_was_told, spread_out
 from torchplate.diagnosis.selection.trace import Ranked, State, chance_of
 from torchplate.diagnosis.target import FrfTarget
@@ -127,6 +134,9 @@ class Ranking:
                 return scored
             wanted = (0 if state.named else 1) if no_more else screening.n_sharp
             near = promising(promises, wanted, screening)
+            if still:
+                # A law of damping that is missing is far from linear where each mode has taken on its part.
+                near += looking_like(promises, excessive(state.fit), near)
             chosen = [(one, one.starts) for one in near]
             if is_noise(state.fit):
                 hypotheses, chosen = self._checked(state, chosen, by_chance), []

@@ -1,6 +1,6 @@
 """Which of the candidates that were scored are refitted, and what of that counts."""
 
-from collections.abc import Container, Sequence
+from collections.abc import Collection, Container, Sequence
 
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.localisation.reach import UNIT
@@ -34,6 +34,22 @@ def promising(promises: Sequence[Scored], wanted: int, settings: Screening) -> l
     names += [other for name in names for other in alike[id(best[name][0])] if other in best]
     names = [one for name in names for one in (*contained(best[name][0].candidate, best), name)]
     return [promise for name in dict.fromkeys(names) for promise in best[name]]
+
+
+def looking_like(promises: Sequence[Scored], groups: Collection[str], chosen: Sequence[Scored]) -> list[Scored]:
+    """Of what looks like nuisances that would have to be larger than tests have them the first of each other name.
+
+    Args:
+        promises: the score test, the best first.
+        groups: of these nuisances.
+        chosen: what is refitted in any case.
+    """
+    names, found = {one.candidate.name for one in chosen}, []
+    for one in promises:
+        if one.candidate.name not in names and one.candidate.effect.like & {*groups}:
+            names.add(one.candidate.name)
+            found.append(one)
+    return found
 
 
 def contained(candidate: Candidate, names: Container[str]) -> list[str]:
