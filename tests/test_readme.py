@@ -78,9 +78,9 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
             f"of [{every} {cases}](runs/blind/{table}) {n} of {of} single effects, {kept} of {still} with nothing "
             f"hidden, {both} of {pairs} pairs, and {named} false name{'s' * (named != 1)}" in text
         )
-    (n, of), (named, every) = rate("tables/X/table.md", right), rate("tables/X/table.md", false)
+    (n, of), (named, every) = rate("tables/R/table.md", right), rate("tables/R/table.md", false)
     assert (
-        f"of [{every} tables](runs/blind/tables/X/table.md) {n} of {of} detectable effects, and {named} false" in text
+        f"of [{every} tables](runs/blind/tables/R/table.md) {n} of {of} detectable effects, and {named} false" in text
     )
     table = "states/F/table.md"
     (n, of), (named, still) = (rate(table, what) for what in ("named right, of those", "a false name on an unchanged"))
@@ -91,7 +91,7 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     )
 
 
-@pytest.mark.parametrize("table", ["Q", "states/F", "tables/X", "workshop/R"])
+@pytest.mark.parametrize("table", ["Q", "states/F", "tables/R", "workshop/R", "workshop/S"])
 def test_the_map_of_runs_says_which_cases_the_committed_tables_are_of(table):
     head = (ROOT / "runs/blind" / table / "table.md").read_text().splitlines()[0]
     numbers = re.findall(r"\d+", re.match(r"Cases ([\d andto]+),", head)[1])
