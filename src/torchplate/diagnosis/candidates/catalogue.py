@@ -40,7 +40,7 @@ def candidates(
         told: searched numbers of the model that are held by what is known of them, which may be wrong.
         measured: those of them that somebody has measured himself; left out, all.
     """
-    plan = model.plan(theta)
+    plan, certain = model.plan(theta), {*(told if measured is None else measured)}
     found = []
     for name, kind in CATALOGUE.items():
         if name in NEVER or not kind.may_be_missing(plan.section):
@@ -83,7 +83,6 @@ def candidates(
                 for key, own in effect.parameters.items()
                 if own.detail
             }
-            certain = {*(told if measured is None else measured)}
             overrules = any(_own_numbers(model, effect, key) & certain for key in free)
             found.append(
                 Candidate(

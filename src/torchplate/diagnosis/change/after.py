@@ -9,9 +9,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from torchplate.diagnosis.candidates.images import images
 from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.hypothesis import Hypothesis
-from torchplate.diagnosis.change.images import images
 from torchplate.diagnosis.change.reference import Reference
 from torchplate.diagnosis.change.settling import End, Settling, as_known
 from torchplate.diagnosis.judged import Fit, judged_beside

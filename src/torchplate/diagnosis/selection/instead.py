@@ -1,8 +1,4 @@
-"""What else may be there instead of the best: at its place, or all over the plate as it is; or the best elsewhere.
-
-A plate has the same natural frequencies with something at each of the mirror images of its place, as far as what it
-hangs on has these, too, and few FRFs hardly tell them apart.
-"""
+"""What else may be there instead of the best: at its place, all over the plate, or the best at an image of that."""
 
 from collections.abc import Sequence
 
@@ -10,6 +6,7 @@ import torch
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate
+from torchplate.diagnosis.candidates.images import images
 from torchplate.diagnosis.candidates.trials import spread_at
 from torchplate.diagnosis.fit import Beat
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
@@ -67,18 +64,11 @@ class Instead:
             state: without it.
             best: of the hypotheses.
         """
-        if not best.candidate.has_place:
-            return []
-        own, mesh = best.own, self.builder.mesh
-        x, y = own["x"], own["y"]
-        places = [(1 - x, y), (x, 1 - y), (1 - x, 1 - y)]
-        if abs(mesh.length_x / mesh.length_y - 1) < self.settings.inferring.square:
-            places += [(v, u) for u, v in [(x, y), *places]]
-        theta = best.beside(state.model)
         whole = with_candidate(state.model, best.label, best.candidate)
-        starts = torch.stack(
-            [start_of(whole, theta, state.model, own | {"x": u, "y": v}, best.label) for u, v in places]
-        )
+        place = start_of(whole, best.beside(state.model), state.model, best.own, best.label)
+        starts = images(whole, place, best.label)
+        if not len(starts):
+            return []
         limit, beat = self.settings.searching.hopeless * best.fit.square, Beat(best.fit.way, best.fit.cost)
         about = known_section(best.fit)
         return [self.refits.refit(state, best.candidate, best.label, starts, limit, about, beat=beat)]

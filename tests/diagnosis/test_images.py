@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.change.images import images
+from torchplate.diagnosis.candidates.images import images
 from torchplate.effects import CATALOGUE
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
