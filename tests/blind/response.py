@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blind.ritz import N_SPAN, Modes, RitzPlate, modes
+from blind.ritz import LIGHT, N_SPAN, Modes, RitzPlate, modes
 
 DERIVATIVE = {"receptance": 0, "mobility": 1, "accelerance": 2}
 # Modes kept beside a damping patch, some four times the band, and those whose coupling by it is followed.
@@ -95,11 +95,12 @@ def frf(plate: RitzPlate, damping: Damping, chain: Chain, test: Test, n_span: in
         found, places = modes(plate, n_span), sat(plate, chain, test)
         if not chain.sensor_mass:
             return observe(receptance(found, plate, damping, s, places, test.reference), chain, test)
-        # Every response is a plate of its own.
-        inertia = (chain.sensor_mass * s**2)[:, None]
-        loaded = [
-            attach(receptance(found, plate, damping, s, [at, at], [at, *test.reference]), inertia) for at in places
-        ]
+        inertia, loaded = (chain.sensor_mass * s**2)[:, None], []
+        for at in places:
+            # Every response is a plate of its own.
+            if chain.sensor_mass > LIGHT * plate.mass:
+                found = modes(replace(plate, loaded=(at,)), n_span)
+            loaded.append(attach(receptance(found, plate, damping, s, [at, at], [at, *test.reference]), inertia))
         return observe(np.concatenate(loaded, axis=1), chain, test)
 
     return recorded(read, chain, test)

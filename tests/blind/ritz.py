@@ -81,6 +81,7 @@ class RitzPlate:
         modulus_wander: likewise of E(x, y).
         loss: beyond the common one, of E_x, E_y and G [-].
         air: density of the air on both sides [kg/m³].
+        loaded: places under which the functions are fine, as something heavy is to sit there (x, y).
         by: which discretisation finds the modes: "ritz" or "spectral".
     """
 
@@ -107,6 +108,7 @@ class RitzPlate:
     modulus_wander: tuple[float, ...] = ()
     loss: tuple[float, float, float] = (0.0, 0.0, 0.0)
     air: float = 0.0
+    loaded: tuple[tuple[float, float], ...] = ()
     by: str = "ritz"
 
     @property
@@ -268,6 +270,7 @@ def _breaks(plate: RitzPlate, n_span: int) -> tuple[dict[float, int], dict[float
             *(t for t in plate.masses if t[2] > LIGHT * plate.mass),
             *(t for t in plate.springs if t[2] > 3e3),
             *(t for t in plate.dashpots if t[2] > 1),
+            *plate.loaded,
         ]
         for term in heavy:
             for offset in (-0.35, -0.1, 0.1, 0.35):

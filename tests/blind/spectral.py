@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from blind.ritz import LIGHT, RitzPlate, add_air, lost, thickness_at, wander
+from blind.ritz import GRADED, LIGHT, RitzPlate, add_air, lost, thickness_at, wander
 
 # Degree of an element of length ℓ, relative to the side: enough for some six half waves along the side, to 1e-6.
 DEGREE = 4.0
@@ -154,6 +154,8 @@ def _ends(plate: RitzPlate, along: int) -> tuple[float, ...]:
     heavy = [*(t for t in plate.masses if t[2] > LIGHT * plate.mass), *(t for t in plate.springs if t[2] > 3e3)]
     wanted = [end for patch in plate.patches for end in plate.covered(patch)[along]]
     wanted += [t[along] for t in (*heavy, *(t for t in plate.dashpots if t[2] > 1))]
+    # A small element on either side: what gives under a force is then right to 1e-4.
+    wanted += [place[along] + offset for place in plate.loaded for offset in (-GRADED[1], 0.0, GRADED[1])]
     for end in wanted:
         if SAME < end < 1 - SAME and min(abs(end - other) for other in found) > SAME:
             found.append(end)

@@ -231,3 +231,17 @@ def test_both_truths_have_the_same_frfs_with_a_lossy_patch():
     one, other = (frf(replace(plate, by=by), damping, Chain(), test) for by in ("ritz", "spectral"))
     # 1e-5 of a frequency is 1e-5 / 2e-3 of a peak's width.
     assert np.linalg.norm(one - other) < 0.01 * np.linalg.norm(one)
+
+
+@pytest.mark.parametrize("at", [(0.4, 0.3), (0.1, 0.0)])
+def test_both_truths_have_the_same_frfs_with_a_mass_that_moves_with_the_sensor(at):
+    """And both those of a plate that carries it there."""
+    plate, mass = replace(PLATE, young_ratio=1.02), 0.02 * PLATE.mass
+    test = Test([at, (0.8, 0.7)], [(0.75, 0.875)], np.arange(5.0, 400.0), "accelerance")
+    one, other = (
+        frf(replace(plate, by=by), Damping(2e-3), Chain(sensor_mass=mass), test) for by in ("ritz", "spectral")
+    )
+    carried = frf(replace(plate, masses=[(*at, mass)]), Damping(2e-3), Chain(), test)
+    # A third of the least noise.
+    for found, wanted in ((other, one), (one[:, 0], carried[:, 0])):
+        assert np.linalg.norm(found - wanted) < 1e-3 * np.linalg.norm(wanted)

@@ -98,6 +98,10 @@ def test_a_mass_whose_place_is_known_is_off_alike():
     assert found == pytest.approx(left("point_mass", mass=0.18, **AT)["own.mass"])
 
 
+def test_a_mass_that_moves_with_the_sensor_is_off_as_one_that_stays():
+    assert left("roving_mass", mass=0.18)["own.mass"] == pytest.approx(left("point_mass", mass=0.18, **AT)["own.mass"])
+
+
 def test_it_goes_with_the_square_of_the_side_and_of_the_strength():
     coarse, fine = (left("ground_spring", n, stiffness=2e4, **AT)["own.stiffness"] for n in (12, 24))
     assert coarse == pytest.approx(4 * fine)

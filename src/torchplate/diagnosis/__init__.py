@@ -18,8 +18,8 @@
 - `assurance`: FRAC, CSAC, CSF and FDAC of what was measured with a model.
 - `next_measurement`: the cheapest measurement that would part equivalents.
 - `summary`: what is said of all this; `before_and_after`: of any two fits of one test; `naming`: of an effect that is
-  named; `estimates`: its numbers with their intervals; `remarks`: of what is missing still; `result`: the object that
-  holds it all.
+  named; `estimates`: its numbers with their intervals; `posterior`: how well these are known; `remarks`: of what is
+  missing still; `result`: the object that holds it all.
 - `rivals`: the hypotheses that are left open, as data; `doubts`: which they are.
 """
 

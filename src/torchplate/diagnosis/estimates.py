@@ -1,6 +1,7 @@
 """Found numbers with their 90 % intervals: what noise and nuisances leave open, and what the mesh does."""
 
 import math
+from collections.abc import Mapping
 
 import torch
 from jaxtyping import Float
@@ -9,8 +10,9 @@ from torch import Tensor
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.result import Estimate
 from torchplate.diagnosis.settings import SETTINGS
+from torchplate.effects import Effect
 from torchplate.model import PlateModel
-from torchplate.plate import Correction, Local, bending_wavelength
+from torchplate.plate import Correction, bending_wavelength
 
 # What says how strongly something acts at its place.
 STRENGTHS = ("mass", "stiffness", "viscous_damping")
@@ -50,7 +52,8 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
     Around a force the deflection goes with r² ln r, which no polynomial of an element follows: under it the mesh gives
     more than the plate by c = `Meshes.give` side² / D. A dynamic stiffness z acts as z / (1 + z c): its strength is off
     by the part |z| c, which is largest at the band's end. As much, to the mode that is shortest there, is a step of
-    |z| c / (2 k) along the plate, k its wave number: an effect acts with the square of the deflection at its place.
+    |z| c / (2 k) along the plate, k its wave number: an effect acts with the square of the deflection at its place. A
+    mass that moves with the sensor sits at each response in turn.
 
     Args:
         model: that was fitted.
@@ -68,10 +71,10 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
     wave = bending_wavelength(top, *(float(own.mean()) for own in metal))
     for label, effect in model.effects.items():
         held = [index[name] for key in STRENGTHS if (name := f"{label}.{key}") in index]
-        at_place = effect.local(model.mesh, values[label]) if held and "x" in effect.parameters else None
-        if at_place is None:
+        force = _force(model, effect, values[label], top) if held else None
+        if force is None:
             continue
-        part = give * float(_force(at_place, top).abs())
+        part = give * float(force.abs())
         left[held] = part * theta[held].abs()
         for axis, length in sides.items():
             if (name := f"{label}.{axis}") in index:
@@ -79,9 +82,15 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
     return left
 
 
-def _force(term: Local, frequency: float) -> Tensor:
-    """Dynamic stiffness of what sits at one place [N/m]."""
+def _force(model: PlateModel, effect: Effect, value: Mapping[str, Tensor], frequency: float) -> Tensor | None:
+    """Dynamic stiffness of what an effect puts at one place, or at each response in turn [N/m]; None if nothing."""
     s = torch.tensor([2j * math.pi * frequency], dtype=torch.complex128)
+    if {"mass", "sensor chain"} <= effect.acts_on:
+        # It moves with the sensor: for the plate as such it is not there.
+        return (value["mass"] * s**2).squeeze()
+    term = effect.local(model.mesh, value) if "x" in effect.parameters else None
+    if term is None:
+        return None
     parts = ((term.mass, s**2), (term.stiffness, 1), (term.viscous, s))
     total = sum((own * factor for own, factor in parts if own is not None), torch.zeros_like(s))
     return (total if term.sprung is None else total + term.sprung.force(s)[..., 0]).squeeze()

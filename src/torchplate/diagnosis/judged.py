@@ -12,6 +12,7 @@ from torch import Tensor
 
 from torchplate.diagnosis.joint import Joint
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.posterior import covariance
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.settings import Comparison
 from torchplate.diagnosis.target import FrfTarget
@@ -290,7 +291,7 @@ def judged_beside(
         model,
         reduced,
         theta,
-        _covariance(independent * information, known, slope) if said else information.new_full((n, n), torch.nan),
+        covariance(independent * information, known, slope) if said else information.new_full((n, n), torch.nan),
         prediction,
         expected,
         judged,
@@ -319,16 +320,3 @@ def _slope(model: PlateModel, position: Float[Tensor, " n"]) -> Float[Tensor, " 
     """SI units for a unit of the cube."""
     step = 1e-6
     return (model.space.to_si(position + step) - model.space.to_si(position - step)) / (2 * step)
-
-
-def _covariance(information: Tensor, known: Tensor, slope: Tensor) -> Tensor:
-    """Of theta in SI units; NaN where neither the data nor anything else says something."""
-    precision = information + torch.diag(known)
-    norm = precision.diagonal().clamp(min=0.0).sqrt()
-    seen = norm > 1e-9 * norm.max().clamp(min=1e-300) if len(norm) else norm > 0
-    scaled = precision[seen][:, seen] / norm[seen] / norm[seen][:, None]
-    inverse = torch.linalg.pinv(scaled, hermitian=True, rtol=1e-10)
-    whole = precision.new_full(precision.shape, torch.nan)
-    side = slope[seen] / norm[seen]
-    whole[seen[:, None] & seen] = (inverse * side[:, None] * side).flatten()
-    return whole

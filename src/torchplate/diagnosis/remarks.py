@@ -5,6 +5,7 @@ from torch import Tensor
 from torchplate.diagnosis.before_and_after import gap_left, left_beside_the_specimen, location_of
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.posterior import seen_together
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.result import Verdict
 from torchplate.diagnosis.selection.criterion import excessive, is_explained
@@ -113,6 +114,12 @@ def all_remarks(noise: Noise, final: State, prior: Prior) -> tuple[str, ...]:
                 f"{name} ends at {values[name]:.4g}, {abs(values[name] - mean) / std:.1f} standard deviations from the "
                 f"{mean:.4g} that is known of it: do not believe it; something else is missing."
             )
+    for together in seen_together(final.fit.information, final.fit.told):
+        names = [model.names[index] for index in together]
+        sentences.append(
+            f"{', '.join(names[:-1])} and {names[-1]} undo one another in these data: what they do together is known, "
+            "and each by itself no better than the intervals that were given. Fix one of them."
+        )
     if len(model.names):
         rigid = _still_rigid(final)
         for name, on in zip(model.names, model.space.at_bound(theta).tolist(), strict=True):
