@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.posterior import BOX, covariance, seen_together
+from torchplate.diagnosis.posterior import UNIFORM, covariance, seen_together
 
 NOTHING = torch.zeros(3, dtype=torch.float64)
 
@@ -25,7 +25,7 @@ def test_numbers_that_undo_one_another_are_known_no_better_than_their_box():
     said = information((1e3, 1e3, 0.0), (0.0, 0.0, 500.0))
     found = covariance(said, NOTHING, torch.ones(3, dtype=torch.float64))
     # Along (1, −1) a uniform distribution over the box: so far that each has half its variance.
-    assert float(found[0, 0]) == pytest.approx(1 / BOX / 2, rel=1e-4)
+    assert float(found[0, 0]) == pytest.approx(1 / UNIFORM / 2, rel=1e-4)
     together = torch.tensor([1.0, 1.0, 0.0], dtype=torch.float64)
     assert float(together @ found @ together) == pytest.approx(1e-6, rel=1e-6)
     assert float(found[2, 2]) == pytest.approx(1 / 500**2)

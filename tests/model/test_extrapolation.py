@@ -290,3 +290,22 @@ def test_of_elements_that_all_lose_alike_the_mesh_takes_as_much_of_the_loss_as_o
     torch.testing.assert_close(
         lacks.loss, 0.2 * lacks.stiffness, rtol=0, atol=1e-7 * float(lacks.stiffness.abs().max())
     )
+
+
+@pytest.mark.parametrize("along", [0.25, 1.0], ids=["amid", "edge"])
+def test_where_a_mass_and_a_spring_sit_the_deflections_that_modes_lack_count_once(along):
+    """They are in the eigenvalues of both meshes already."""
+    effects = {"point": PointMass(), "support": SupportSpring(at=((0.75, 0.5),))}
+    own = {"point.x": along, "point.y": 0.25, "point.mass": 0.05, "support.stiffness": 2e5}
+    known = bare(Mesh(0.6, 0.36, 8, 4)).known_values | own
+
+    def squares(refine: int, corrected: bool) -> torch.Tensor:
+        mesh = Mesh(0.6, 0.36, 8, 4, refine=refine)
+        model = PlateModel(mesh, {"plate": Plate(), **effects}, known, {})
+        model = extrapolate(model, 400.0).model if corrected else model
+        return model.natural_frequencies(NOTHING)[2:12].square()
+
+    coarse, fine = squares(1, False), squares(2, False)
+    richardson = (4 * fine - coarse) / 3
+    torch.testing.assert_close(squares(1, True), richardson, rtol=2e-3, atol=0.0)
+    assert float((coarse / richardson - 1).abs().max()) > 5e-3

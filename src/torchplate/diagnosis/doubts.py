@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import torch
 
 from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.posterior import UNIFORM
 from torchplate.diagnosis.rivals import Doubt, Rival
-from torchplate.diagnosis.selection.criterion import UNIFORM, Choice, weight_of
+from torchplate.diagnosis.selection.criterion import Choice, weight_of
 from torchplate.diagnosis.selection.trace import State
 from torchplate.diagnosis.settings import SETTINGS
 

@@ -152,9 +152,10 @@ class ModelBuilder:
         """A model whose mesh error is taken off, and natural frequencies with their relative errors.
 
         What the stiffness of a plate lacks on a mesh goes with its rigidity, whatever is attached to it: it is found
-        once for all plates of a kind. With Poisson's ratio, the grain, or the ratio of the sides the modes change, and
-        it with them, and with a section that differs from place to place: what stands beside a patch is compared with
-        the patch alone. Edges that are held on springs are another matter.
+        once for all plates of a kind, without what hypotheses attach, so that none has in it what a mesh gives under
+        the mass of another. With Poisson's ratio, the grain, or the ratio of the sides the modes change, and it with
+        them, and with a section that differs from place to place: what stands beside a patch is compared with the patch
+        alone. Edges that are held on springs are another matter.
 
         Args:
             model: in all dofs.
@@ -170,13 +171,26 @@ class ModelBuilder:
         kind = kind_of(plain.plan(theta))
         holding = (index for index, one in enumerate(self._known) if one.holds(kind, self.fineness.shift))
         if self.held or (index := next(holding, None)) is None:
-            known = OfKind(self._extrapolated(plain, theta), kind)
+            known = OfKind(self._extrapolated(*self._without_attached(plain, theta)), kind)
         else:
             known = self._known[index]
             del self._known[index]
         # The one that was asked for last goes last.
         self._known.append(known)
         return known.found._replace(model=on_mesh(plain, known.found.model.assembly))
+
+    def _without_attached(self, model: PlateModel, theta: Tensor) -> tuple[PlateModel, Tensor]:
+        """A plate and its parameters without what effects put at places that the given plate does not have."""
+        value = model.values(theta)
+        own = {
+            label: effect
+            for label, effect in model.effects.items()
+            if label in self.given.effects or effect.local(model.mesh, value[label]) is None
+        }
+        if self.held or len(own) == len(model.effects):
+            return model, theta
+        bare = model.replaced(effects=own)
+        return bare, theta[[model.names.index(name) for name in bare.names]]
 
     def is_right_at(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> bool:
         """Whether the mesh error that was taken off a model is that of its plate with these parameters, too.

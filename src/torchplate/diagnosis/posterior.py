@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-# Of a uniform distribution over the unit cube, along each side: one over its variance.
-BOX = 12.0
+# Precision of a uniform distribution on the unit cube, along each side, one over its variance: nobody chose it.
+UNIFORM = 12.0
 # Part of a direction's squared length in scaled numbers above which a number belongs to it: less moves nothing seen.
 BELONGS = 0.01
 # A number of which the data say less than this part of what they say of another is not seen at all.
@@ -54,4 +54,4 @@ def _directions(information: Tensor, known: Tensor) -> tuple[Tensor, Tensor, Ten
     seen = norm > UNSEEN * norm.max().clamp(min=1e-300) if len(norm) else norm > 0
     norm = norm[seen]
     value, vector = torch.linalg.eigh(precision[seen][:, seen] / norm / norm[:, None])
-    return seen, norm, value, vector, BOX * (vector / norm[:, None]).square().sum(0)
+    return seen, norm, value, vector, UNIFORM * (vector / norm[:, None]).square().sum(0)

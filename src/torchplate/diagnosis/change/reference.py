@@ -21,8 +21,8 @@ from torchplate.diagnosis.change.specimen import OwnModes, ReferenceSpecimens
 from torchplate.diagnosis.joint import Ended, Joint
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.posterior import UNIFORM
 from torchplate.diagnosis.problem import Prior
-from torchplate.diagnosis.selection.criterion import UNIFORM
 from torchplate.discrepancy import OfChannels, Wandering, modes_damped, place_std, specimen_columns
 from torchplate.model import PlateModel, solve_eigenvalues
 from torchplate.search import JACOBIANS

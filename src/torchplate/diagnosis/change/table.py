@@ -30,8 +30,8 @@ from torchplate.diagnosis.change.table_fit import (
 )
 from torchplate.diagnosis.change.table_summary import summarise_tables
 from torchplate.diagnosis.change.together import apart, fitted_together
+from torchplate.diagnosis.posterior import UNIFORM
 from torchplate.diagnosis.result import Diagnosis
-from torchplate.diagnosis.selection.criterion import UNIFORM
 from torchplate.diagnosis.settings import Comparison
 from torchplate.diagnosis.table.evidence import TableEvidence
 from torchplate.diagnosis.table.settings import SETTINGS as TABLE

@@ -27,7 +27,7 @@ from torchplate.diagnosis.change.changes import Change
 from torchplate.diagnosis.change.settings import ChangeSettings
 from torchplate.diagnosis.integral import Peak, integrate
 from torchplate.diagnosis.model_builder import with_candidate
-from torchplate.diagnosis.selection.criterion import UNIFORM
+from torchplate.diagnosis.posterior import UNIFORM
 from torchplate.diagnosis.table.evidence import of_unknown_scale
 from torchplate.diagnosis.table.settings import SETTINGS as TABLE
 from torchplate.model import PlateModel

@@ -19,8 +19,8 @@ from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.strength import Chosen, Products, cross_validated, forms, solved
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.lines import every_nth
+from torchplate.diagnosis.posterior import UNIFORM
 from torchplate.diagnosis.problem import Prior, Problem
-from torchplate.diagnosis.selection.criterion import UNIFORM
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import Found, Marginal
 from torchplate.search import JACOBIANS

@@ -36,13 +36,12 @@ from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate, nameable
 from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.posterior import UNIFORM
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.usual import Usual
 from torchplate.discrepancy import Found
 from torchplate.model import PlateModel
 
-# Precision of a uniform prior on the unit cube, one over its variance: nobody chose it.
-UNIFORM = 12.0
 # Groups of nuisances that move no peak: beside what they are meant to be peaks still overlap.
 STILL = frozenset({"damping_scatter"})
 

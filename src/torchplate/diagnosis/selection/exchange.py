@@ -104,6 +104,39 @@ class Exchange:
             named=(*state.named[:index], renamed, *later),
         )
 
+    def beside_those_in_doubt(self, state: State, coarse: Fit, builder: ModelBuilder) -> State:
+        """Names beside their rivals on a finer mesh, where what the coarser one had left may be what told them apart.
+
+        A rival that leaves noise, too, is in doubt where it came so near on the coarser mesh as the last model has
+        gained on the finer one. What may be a support, which is looked for on the coarser mesh, is left as it is.
+
+        Args:
+            state: the last model on the finer mesh.
+            coarse: its fit on the other one.
+            builder: of the finer mesh.
+        """
+        twin = Exchange(builder, self.ranking, self.prior, self.say)
+        for index, naming in enumerate(state.named):
+            here = replace(naming.hypothesis, fit=coarse)
+            near = here.cost + max(0.0, coarse.cost - state.fit.cost)
+            doubted = tuple(
+                one
+                for one in naming.rivals
+                if one.name != here.name
+                and is_noise(one.fit)
+                and one.cost <= near
+                and not one.candidate.effect.to_ground
+            )
+            if here.candidate.effect.to_ground or {one.name for one in doubted} <= {*naming.known.equivalent}:
+                continue
+            self.say(f"  {here.name} beside {', '.join(one.name for one in doubted)} on the finer mesh")
+            one = replace(naming, rivals=doubted)
+            named = (*state.named[:index], one, *state.named[index + 1 :])
+            state = twin._one_judged_again(replace(state, named=named), index)
+            every = replace(state.named[index], rivals=naming.rivals)
+            state = replace(state, named=(*state.named[:index], every, *state.named[index + 1 :]))
+        return state
+
     @staticmethod
     def _as_then(every: Sequence[Hypothesis], better: Hypothesis) -> Hypothesis:
         """A hypothesis as it ended where the later names were not known yet; as it is, where it was not tried then."""

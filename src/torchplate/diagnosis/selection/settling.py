@@ -80,6 +80,7 @@ class Settling:
         fine = fit(builder, state.model, start, self.prior, wide=False, about=state.fit.about)
         settled = replace(state, fit=fine)
         if little:
+            settled = self.exchange.beside_those_in_doubt(settled, state.fit, builder)
             small = self.settings.small_gap * target.floor
             last = state.named[-1] if doubted else None
             again = tuple(

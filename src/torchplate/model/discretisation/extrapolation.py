@@ -17,15 +17,16 @@ On large meshes the finer one's modes are found from the coarser one's by two st
 
 import copy
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from torchplate.model.discretisation.fine_mesh import SparseModel
 from torchplate.model.plate_model import PlateModel
-from torchplate.plate import Assembly, Correction, Mesh, prolongation
+from torchplate.plate import Assembly, Correction, Local, Mesh, prolongation
 
 # Modes up to this multiple of the highest frequency wanted are corrected, unless more is asked for.
 MARGIN = 1.6
@@ -112,11 +113,11 @@ def extrapolate(
     left, _, right = torch.linalg.svd(across * near)
     turn = left @ right
     change = 4 / 3 * ((turn * better.eigenvalue[:count]) @ turn.mT - torch.diag(value))
-    plan = model.plan(theta)
+    change, more, plan = 0.5 * (change + change.mT), 4 / 3 * (finer_shape @ turn.mT - shape), model.plan(theta)
     correction = Correction(
         weighted.mT.contiguous(),
-        0.5 * (change + change.mT),
-        4 / 3 * (finer_shape @ turn.mT - shape),
+        change - _by_rows(plan.terms, model.assembly.free, shape, more, value),
+        more,
         Correction.measure(plan.section.rigidity, plan.geometry),
         *_lost(coarse, fine, shape, better.shape[:, :count] @ turn.mT),
     )
@@ -124,6 +125,39 @@ def extrapolate(
     bending = value > 1e-3 * value[-1]
     error = torch.where(bending, -0.5 * change.diagonal() / value.clamp(min=1.0), 0.0)
     return Extrapolated(twin, modes.frequency[:count], error)
+
+
+def _by_rows(
+    terms: Sequence[Local],
+    free: Int[Tensor, " n"],
+    shape: Float[Tensor, "n n_mode"],
+    more: Float[Tensor, "n n_mode"],
+    value: Float[Tensor, " n_mode"],
+) -> Float[Tensor, "n_mode n_mode"]:
+    """What springs and masses at places add to the modes' eigenvalues by the deflections that these lack there.
+
+    Args:
+        terms: that are attached.
+        free: dofs.
+        shape: modes of the mesh.
+        more: what they lack.
+        value: eigenvalues.
+    """
+    total, omega = torch.zeros_like(value).diag(), value.clamp(min=0.0).sqrt()
+    for term in terms:
+        row = term.vector[..., free].to(shape)
+        before, after = row @ shape, row @ (shape + more)
+        if term.stiffness is not None:
+            total = (
+                total
+                + after.mT @ (term.stiffness[..., None] * after)
+                - before.mT @ (term.stiffness[..., None] * before)
+            )
+        if term.mass is not None:
+            # An eigenvalue falls by as many times itself.
+            added = after.mT @ (term.mass[..., None] * after) - before.mT @ (term.mass[..., None] * before)
+            total = total - omega[:, None] * added * omega
+    return total
 
 
 def _lost(
