@@ -61,5 +61,5 @@ def test_the_tutorial_has_the_diagnosis_of_today(beside_the_configs, capsys):
     assert [x, y, mass] == pytest.approx(quoted(page, r"point_mass \(x #, y #, mass # kg\)"), rel=5e-3)
     said = quoted(page, r"gap # % to # % \(held-out FRFs # % to # %\); noise floor # %")
     assert [gaps[index] for index in (0, 1, 4, 2)] == pytest.approx([said[index] for index in (0, 1, 3, 4)], rel=5e-3)
-    # FRFs that no fit sees, beside a model that lacks the magnet: along its flat valley rounding moves them by half a %.
+    # FRFs that no fit sees, beside a model that lacks the magnet: along its flat valley rounding moves them by 0.5 %.
     assert gaps[3] == pytest.approx(said[2], rel=1e-2)
