@@ -10,10 +10,8 @@ from torch import Tensor
 
 # Precision of a uniform distribution on the unit cube, along each side, one over its variance: nobody chose it.
 UNIFORM = 12.0
-# Part of a direction's squared length in scaled numbers above which a number belongs to it: less moves nothing seen.
-BELONGS = 0.01
 # A number of which the data say less than this part of what they say of another is not seen at all.
-UNSEEN = 1e-9
+TINY = 1e-9
 
 
 def covariance(
@@ -43,15 +41,17 @@ def seen_together(information: Float[Tensor, "n n"], known: Float[Tensor, " n"])
     """
     seen, _, value, vector, box = _directions(information, known)
     index = seen.nonzero().flatten()
-    flat = vector[:, value < box].square() > BELONGS
-    return [index[column].tolist() for column in flat.mT if int(column.sum()) > 1]
+    variance = vector.square() / torch.maximum(value, box)
+    # A number lies along a direction that makes more than half of its variance.
+    along = variance > 0.5 * variance.sum(-1, keepdim=True)
+    return [index[column].tolist() for column in along[:, value < box].mT if int(column.sum()) > 1]
 
 
 def _directions(information: Tensor, known: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """Which numbers are seen, what is known of each, the directions in which, and what the box says along each."""
     precision = information + torch.diag(known)
     norm = precision.diagonal().clamp(min=0.0).sqrt()
-    seen = norm > UNSEEN * norm.max().clamp(min=1e-300) if len(norm) else norm > 0
+    seen = norm > TINY * norm.max().clamp(min=1e-300) if len(norm) else norm > 0
     norm = norm[seen]
     value, vector = torch.linalg.eigh(precision[seen][:, seen] / norm / norm[:, None])
     return seen, norm, value, vector, UNIFORM * (vector / norm[:, None]).square().sum(0)
