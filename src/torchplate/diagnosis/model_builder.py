@@ -152,10 +152,10 @@ class ModelBuilder:
         """A model whose mesh error is taken off, and natural frequencies with their relative errors.
 
         What the stiffness of a plate lacks on a mesh goes with its rigidity, whatever is attached to it: it is found
-        once for all plates of a kind, without what hypotheses attach, so that none has in it what a mesh gives under
-        the mass of another. With Poisson's ratio, the grain, or the ratio of the sides the modes change, and it with
-        them, and with a section that differs from place to place: what stands beside a patch is compared with the patch
-        alone. Edges that are held on springs are another matter.
+        once for all plates of a kind, without what sits at places, so that none has in it what a mesh gives under the
+        mass or the support of another. With Poisson's ratio, the grain, or the ratio of the sides the modes change, and
+        it with them, and with a section that differs from place to place: what stands beside a patch is compared with
+        the patch alone. Edges that are held on springs are another matter.
 
         Args:
             model: in all dofs.
@@ -180,12 +180,10 @@ class ModelBuilder:
         return known.found._replace(model=on_mesh(plain, known.found.model.assembly))
 
     def _without_attached(self, model: PlateModel, theta: Tensor) -> tuple[PlateModel, Tensor]:
-        """A plate and its parameters without what effects put at places that the given plate does not have."""
+        """A plate and its parameters without what effects put at places."""
         value = model.values(theta)
         own = {
-            label: effect
-            for label, effect in model.effects.items()
-            if label in self.given.effects or effect.local(model.mesh, value[label]) is None
+            label: effect for label, effect in model.effects.items() if effect.local(model.mesh, value[label]) is None
         }
         if self.held or len(own) == len(model.effects):
             return model, theta
