@@ -128,6 +128,12 @@ def test_threads_that_the_user_has_set_stay():
 
 
 @pytest.mark.check
+@pytest.mark.parametrize("command", ["diagnose no.yaml", "plan no.yaml", "simulate no.yaml --out no.uff"])
+def test_one_model_at_a_time_takes_one_thread_so_that_its_digits_hang_on_no_number_of_cores(command):
+    assert threads_after(*command.split()).endswith(" 1")
+
+
+@pytest.mark.check
 @pytest.mark.parametrize("verb", ["diagnose", "plan"])
 def test_a_diagnosis_takes_one_thread(verb):
     """It evaluates one model at a time; `plan` set its threads after torch had read them."""

@@ -1,14 +1,14 @@
 """What README and the test engineer's tutorial quote of their diagnoses is what these say today."""
 
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
-
-from torchplate.cli.main import main
-from torchplate.studies import hidden_effect
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.check
@@ -20,6 +20,12 @@ def beside_the_configs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copytree(ROOT / "configs", tmp_path / "configs")
     return tmp_path
+
+
+def as_a_reader(module, *arguments):
+    """Run a command in a process of its own, with the threads that it takes by itself."""
+    told = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    subprocess.run([sys.executable, "-m", module, *arguments], env=told, check=True, capture_output=True)
 
 
 def quoted(page, pattern):
@@ -39,7 +45,7 @@ def answer(folder):
 
 
 def test_readme_has_the_first_answer_of_today(beside_the_configs):
-    assert hidden_effect.main() == 0
+    as_a_reader("torchplate.studies.hidden_effect")
     named, (x, y, mass), gaps = answer(beside_the_configs / "runs/hidden_effect/diagnosis")
     assert named == {"mesh_discretisation", "point_mass"}
     place = quoted("README.md", r"at \(#, #\), # g, and the mesh of the config as too coarse")
@@ -49,17 +55,15 @@ def test_readme_has_the_first_answer_of_today(beside_the_configs):
     assert gaps[:3] == pytest.approx(gap, rel=5e-3)
 
 
-def test_the_tutorial_has_the_diagnosis_of_today(beside_the_configs, capsys):
+def test_the_tutorial_has_the_diagnosis_of_today(beside_the_configs):
     page = "docs/tutorials/test_engineer.md"
     commands = re.findall(r"^torchplate (.*)$", (ROOT / page).read_text(), re.MULTILINE)
     wanted = [next(one for one in commands if one.startswith(verb)) for verb in ("simulate", "diagnose")]
     wanted.insert(1, next(one for one in commands if one.startswith("new") and "plate.yaml" in one))
     for one in wanted:
-        assert main(one.split()) == 0
+        as_a_reader("torchplate", *one.split())
     named, (x, y, mass), gaps = answer(beside_the_configs / "runs/diagnosis")
     assert "point_mass" in named
     assert [x, y, mass] == pytest.approx(quoted(page, r"point_mass \(x #, y #, mass # kg\)"), rel=5e-3)
     said = quoted(page, r"gap # % to # % \(held-out FRFs # % to # %\); noise floor # %")
-    assert [gaps[index] for index in (0, 1, 4, 2)] == pytest.approx([said[index] for index in (0, 1, 3, 4)], rel=5e-3)
-    # FRFs that no fit sees, beside a model that lacks the magnet: along its flat valley rounding moves them by 0.5 %.
-    assert gaps[3] == pytest.approx(said[2], rel=1e-2)
+    assert [gaps[index] for index in (0, 1, 3, 4, 2)] == pytest.approx(said, rel=5e-3)

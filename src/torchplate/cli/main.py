@@ -34,7 +34,7 @@ OUTSIDE = {
 # Who names a number of threads means it, for OpenBLAS too.
 COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS")
 # Verbs that evaluate no population.
-ONE_BY_ONE = ("diagnose", "plan")
+ONE_BY_ONE = ("diagnose", "plan", "simulate")
 
 
 class _Version(argparse.Action):
@@ -223,7 +223,8 @@ def _threads_as_matrices_want(environment: MutableMapping[str, str], verb: str) 
     """Matrices here are small, and threads that wait for the next one keep a core busy which others need.
 
     OpenBLAS, which SciPy calls, gets one thread; torch keeps all of its own, which sleep between two pieces of work. A
-    diagnosis takes one model at a time, of a few dozen modes: more threads than one make it slower, and cost more.
+    diagnosis takes one model at a time, of a few dozen modes: more threads than one make it slower, and cost more. One
+    plate that is simulated gains nothing by them either, and its file is the same on any number of cores.
     The libraries read this once, as they are imported. What the user has set stays.
     """
     if not any(name in environment for name in COUNTS):

@@ -143,21 +143,22 @@ def _by_rows(
         more: what they lack.
         value: eigenvalues.
     """
-    total, omega = torch.zeros_like(value).diag(), value.clamp(min=0.0).sqrt()
+    stiffness = mass = torch.zeros_like(value).diag()
     for term in terms:
         row = term.vector[..., free].to(shape)
         before, after = row @ shape, row @ (shape + more)
         if term.stiffness is not None:
-            total = (
-                total
-                + after.mT @ (term.stiffness[..., None] * after)
-                - before.mT @ (term.stiffness[..., None] * before)
-            )
+            stiffness = stiffness + _beside(after, term.stiffness) - _beside(before, term.stiffness)
         if term.mass is not None:
-            # An eigenvalue falls by as many times itself.
-            added = after.mT @ (term.mass[..., None] * after) - before.mT @ (term.mass[..., None] * before)
-            total = total - omega[:, None] * added * omega
-    return total
+            mass = mass + _beside(after, term.mass) - _beside(before, term.mass)
+    # An eigenvalue falls by the mass that is added to its mode times itself.
+    omega = value.clamp(min=0.0).sqrt()
+    return stiffness - omega[:, None] * mass * omega
+
+
+def _beside(row: Float[Tensor, "n_row n_mode"], amount: Float[Tensor, " n_row"]) -> Float[Tensor, "n_mode n_mode"]:
+    """rowᵀ diag(amount) row: what springs or masses at places are to the modes."""
+    return row.mT @ (amount[..., None] * row)
 
 
 def _lost(
