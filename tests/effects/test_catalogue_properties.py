@@ -202,7 +202,10 @@ def test_a_plate_turned_by_90_degrees_or_seen_in_a_mirror_is_the_same_plate(effe
 def test_matrices_are_symmetric_and_no_motion_has_negative_energy(effect, example, data) -> None:
     model = Case(effect, example.options, data.draw(numbers(effect, example))).model()
     system, uneven = model.system(THETA), model.plan(THETA).section.uneven_loss
-    for matrix in (system.stiffness, system.mass, system.hysteretic):
+    # What is lost in all, by the elements and by the whole plate in common.
+    beta = torch.as_tensor(system.proportional.stiffness_loss_factor)
+    lost = None if system.hysteretic is None else system.hysteretic + beta * system.stiffness
+    for matrix in (system.stiffness, system.mass, lost):
         if matrix is None:
             continue
         assert float((matrix - matrix.mT).abs().max()) <= 1e-15 * float(matrix.abs().max())
@@ -210,7 +213,7 @@ def test_matrices_are_symmetric_and_no_motion_has_negative_energy(effect, exampl
         # Rigid motions have no energy, up to rounding of the largest. What a patch covers of an element is integrated
         # to second order in its loss: at a loss factor of 1 motions of that element alone gain some thousandths of what
         # it loses.
-        rounding = 1e-14 if matrix is not system.hysteretic or uneven is None else 5e-3
+        rounding = 1e-14 if matrix is not lost or uneven is None else 5e-3
         energy = torch.linalg.eigvalsh(scale[:, None] * matrix * scale)
         assert float(energy.min()) >= -rounding * float(energy.max())
 

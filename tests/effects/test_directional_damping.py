@@ -78,6 +78,17 @@ def test_no_motion_gains_energy_where_one_direction_loses_hardly_anything(x: flo
         torch.testing.assert_close(found, expected, rtol=0.03, atol=0.002 * max(x, y))
 
 
+def test_what_the_whole_plate_loses_is_asked_to_be_passive_and_not_a_part_of_it():
+    # The same losses, told in two ways: the lesser one is at zero beside the common loss in one of them.
+    all_own = build(MESH, own={"loss_x": 0.03, "loss_y": 0.01, "loss_xy": 0.02})
+    beside = {"loss_x": 0.02, "loss_y": 0.0, "loss_xy": 0.01}
+    rest_common = build(MESH, own=beside, loss={"stiffness_loss_factor": 0.01})
+    assert distance(rest_common.frf(NONE, LINES), all_own.frf(NONE, LINES)) < 1e-7
+    hysteretic = build(MESH, own=beside, loss={"stiffness_loss_factor": 1e-4}).system(NONE)
+    value = torch.linalg.eigvalsh(hysteretic.hysteretic + 1e-4 * hysteretic.stiffness)
+    assert float(value[0]) > -1e-10 * float(value[-1])
+
+
 def test_it_lies_on_top_of_a_lossy_patch():
     patch, own = {"x": 0.4, "y": 0.6, "size": 0.3, "loss_factor": 0.1}, {"loss_x": 0.01, "loss_y": 0.03, "loss_xy": 0.0}
     # Under the patch elements are a little stiffer, so that the two are compared in stiffness that both have.

@@ -17,9 +17,7 @@ class DirectionalDamping(Effect):
     that bends along x with its sides free loses η_x and nothing else. A mode's loss factor is the mean of the three,
     weighed by the energy that it stores in each.
 
-    Where one loss is beyond (1 + √(1 − ν²))² / ν² times the other, 40 times at ν = 0.3, a plate that loses so would
-    gain energy in motions that bend it both ways. There ν in the compliance loses no more than the lesser loss allows,
-    and D₁₁, D₂₂ and D₁₂ follow: strips lose as before, and no motion gains energy.
+    Where one loss, with the common one, is beyond 40 times the other (ν = 0.3), D₁₂ loses less: see `Section.passive`.
     """
 
     parameters = {
@@ -41,12 +39,5 @@ class DirectionalDamping(Effect):
     def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
         """The loss factors of D₁₁, D₂₂, D₁₂ and D₃₃, on top of what each element has."""
         x, y, xy = torch.broadcast_tensors(*(value[name] for name in self.parameters))
-        x, y, xy = (value[..., None] for value in (x, y, xy))
-        # −S″ = [[η_x, −ν m], [−ν m, η_y]] in units of √(E_x E_y) is definite as long as m ≤ √(η_x η_y) / ν: m is the
-        # mean, and below that bound the line from zero to where the mean meets it. D″ is −D S″ D.
-        square, mean = section.poisson_ratio**2, 0.5 * (x + y)
-        beyond = (square * mean - (1 + (1 - square).sqrt()) * torch.minimum(x, y)).clamp(min=0.0)
-        more = 2 * beyond / (1 - square)
-        cross = mean + (1 + square) / (1 - square) * beyond / square.clamp(min=torch.finfo(square.dtype).tiny)
-        extra = torch.stack(torch.broadcast_tensors(x + more, y + more, cross, xy), dim=-1)
+        extra = torch.stack([x, y, 0.5 * (x + y), xy], dim=-1)[..., None, :]
         return section._replace(loss_factor=extra if section.loss_factor is None else section.loss_factor + extra)

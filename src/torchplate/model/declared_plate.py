@@ -191,6 +191,7 @@ class DeclaredPlate(nn.Module):
             terms = self.off_marks.supported(self.mesh, self.effects, terms)
         damping = [part for effect, own in pairs if (part := effect.proportional(own)) is not None]
         added = [one for effect, own in pairs if (one := effect.added_mass(self.mesh, geometry, own)) is not None]
+        section = section.passive(sum((part.stiffness_loss_factor for part in damping), 0.0))
         return Plan(section, geometry, list(terms), damping, added)
 
     def carried(self) -> dict[str, int]:

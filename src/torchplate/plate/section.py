@@ -67,6 +67,29 @@ class Section(NamedTuple):
         """Rigidity times the elements' own loss factors [N m]; zero where they have none."""
         return self._matrix(self.stiffness_factor * (0.0 if self.loss_factor is None else self.loss_factor))
 
+    def passive(self, common: Float[Tensor, "*#batch"] | float) -> "Section":
+        """With losses along the two directions by which no motion gains energy.
+
+        Where one loss is beyond (1 + √(1 − ν²))² / ν² times the other, 40 times at ν = 0.3, a plate of which D₁₂ loses
+        their mean would gain energy in motions that bend it both ways. There ν in the compliance loses no more than
+        the lesser loss allows, and D₁₁, D₂₂ and D₁₂ follow: strips lose as before.
+
+        Args:
+            common: loss factor of the whole model, which is lost beside the elements' own [-].
+        """
+        if self.loss_factor is None or self.loss_factor.shape[-1] == 1:
+            return self
+        x, y, mean, twist = self.loss_factor.unbind(-1)
+        common = torch.as_tensor(common).to(x)[..., None]
+        # −S″ = [[η_x, −ν m], [−ν m, η_y]] in units of √(E_x E_y) is definite as long as m ≤ √(η_x η_y) / ν: m is the
+        # mean, and below that bound the line from zero to where the mean meets it. D″ is −D S″ D.
+        square = self.poisson_ratio**2
+        lesser = torch.minimum(x, y) + common
+        beyond = (square * (mean + common) - (1 + (1 - square).sqrt()) * lesser).clamp(min=0.0)
+        more = 2 * beyond / (1 - square)
+        cross = mean + (1 + square) / (1 - square) * beyond / square.clamp(min=torch.finfo(square.dtype).tiny)
+        return self._replace(loss_factor=torch.stack(torch.broadcast_tensors(x + more, y + more, cross, twist), dim=-1))
+
     @property
     def sound_rigidity(self) -> Float[Tensor, "*batch n_element 3 3"]:
         """Rigidity without what `stiffness_factor` makes of it [N m]."""
