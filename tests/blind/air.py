@@ -1,21 +1,35 @@
 """The air on both sides of a plate: its added mass, by equal panels of constant doublets.
 
 The lattice ends a quarter of a panel within each edge (James, Nucl. Eng. Des. 1972; Katz and Plotkin, Low-Speed
-Aerodynamics, 2001, section 12.3), and a panel pulls at the control points as four straight vortices do.
+Aerodynamics, 2001, section 12.3), and a panel pulls at the control points as four straight vortices do. What two
+lattices say goes with the square of their panels, and is taken to the limit: one alone lacked one per cent of what the
+lowest modes drag.
 """
 
 from functools import lru_cache
 from math import sqrt
 
 import numpy as np
+from scipy.linalg import block_diag
 
-# Panels along the sides of a square.
-N_PANEL = 28
+# Panels along the sides of a square, of the coarser lattice.
+N_PANEL = 20
 
 
 @lru_cache(16)
 def added_mass(sides: tuple[float, float], n_panel: int = N_PANEL) -> tuple[np.ndarray, np.ndarray]:
-    """Relative places, and the mass between them of a fluid of 1 kg/m³ [m³].
+    """Relative places, and the mass between them of a fluid of 1 kg/m³ [m³], by Richardson's extrapolation.
+
+    Args:
+        sides: of the plate [m].
+        n_panel: of the coarser of two lattices, along the sides of a square of that area.
+    """
+    places, masses = zip(*(lattice(sides, n) for n in (n_panel, 2 * n_panel)), strict=True)
+    return np.concatenate(places), block_diag(-masses[0] / 3, 4 * masses[1] / 3)
+
+
+def lattice(sides: tuple[float, float], n_panel: int) -> tuple[np.ndarray, np.ndarray]:
+    """Relative places, and the mass between them, of one lattice [m³].
 
     Args:
         sides: of the plate [m].
