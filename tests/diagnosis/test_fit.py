@@ -1,5 +1,7 @@
 """A fit finds the parameters from afar, and says how well the noise lets them be known."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -71,6 +73,14 @@ FAR = ([[0.03, 0.5, 0.5]], [[0.97, 0.05, 0.1]], [[0.05, 0.95, 0.95], [0.9, 0.8, 
 def found(builder):
     """From far away, also where the first of two starts leads nowhere."""
     return [fit(builder, builder.given, torch.tensor(starts, dtype=torch.float64)) for starts in FAR]
+
+
+def test_an_frf_that_is_held_out_is_in_nothing_by_which_fits_are_compared(found, builder):
+    target = builder.target
+    other = replace(target.measurement, frf=target.measurement.frf * torch.where(target.heldout, 3.0, 1.0))
+    blind = ModelBuilder(builder.given, replace(target, measurement=other), as_given=True)
+    one, again = found[0], fit(blind, blind.given, torch.tensor(FAR[0], dtype=torch.float64))
+    assert (again.gap, again.left, again.square) == (one.gap, one.left, one.square)
 
 
 def test_the_truth_is_found_from_far_starts(found, plate, truth):

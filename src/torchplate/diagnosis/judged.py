@@ -96,7 +96,7 @@ class Fit(NamedTuple):
         expected: likewise, its section as it was found to wander.
         judged: its residuals on what the fit saw.
         prior: what the tolerances add to the sum of squares.
-        gap: over all that was measured.
+        gap: over all FRFs that a fit sees: what is held out chooses nothing.
         left: the same of what is expected: what the specimen that was found leaves.
         beside: noise and nuisances beside it.
         information: of the data on theta, on the unit cube.
@@ -296,8 +296,8 @@ def judged_beside(
         expected,
         judged,
         float(told.square().sum()),
-        target.whole_gap(prediction),
-        target.whole_gap(expected),
+        float(target.gap(prediction)),
+        float(target.gap(expected)),
         of_fit,
         information,
         known,

@@ -443,10 +443,6 @@ class FrfTarget:
         which = (self.heldout & self.measurement.measured) if heldout else self.fitted
         return each[..., which].mean(-1)
 
-    def whole_gap(self, prediction: Tensor) -> float:
-        """The same over all measured FRFs."""
-        return float(self.gaps(prediction)[self.measurement.measured].mean())
-
     @property
     def floor(self) -> float:
         """What noise alone makes the gap."""
