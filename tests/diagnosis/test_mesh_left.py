@@ -231,3 +231,30 @@ def test_of_a_plate_with_a_lossy_patch_its_losses_have_their_mesh_error_taken_of
     assert left[0] > 0.05
     # A patch that loses half as much lacks half as much of it.
     assert torch.allclose(lost(1, True, 0.15) / lost(1, True), torch.full_like(wanted, 0.5), rtol=0.03)
+
+
+@torch.no_grad()
+@pytest.mark.check
+def test_a_support_that_is_stiffer_than_the_others_is_taken_off_the_mesh_error_with_them(lab):
+    """It changes what sits at places, and has nothing to change where these are left out."""
+    target = lab.Scene().builder.target
+    nodes = (1, 5, 21)
+    effects = {
+        "plate": Plate(),
+        "loss": HystereticDamping(),
+        "wires": CATALOGUE["support_spring"](nodes=nodes),
+        "own": CATALOGUE["support_asymmetry"](nodes=nodes),
+    }
+    known = KNOWN | {"loss.stiffness_loss_factor": 0.01, "wires.stiffness": 400.0, "wires.viscous_damping": 0.1}
+    known |= {f"own.{name}": value for name, value in zip(effects["own"].parameters, (1.3, 1.0, 0.8), strict=True)}
+    searched = {"plate.youngs_modulus": Searched(1e11, 3e11)}
+    plate = lab.small_plate()
+    held = {key: value for key, value in known.items() if key not in searched}
+    model = PlateModel(plate.mesh, effects, held, searched, plate.response, plate.reference, plate.kind)
+    builder = ModelBuilder(model, target)
+    theta = model.known.new_tensor([2e11])
+    found = builder.corrected(model, theta)
+    assert bool((found.error != 0).any())
+    bare = {label: effects[label] for label in ("plate", "loss")}
+    alone = builder.corrected(model.replaced(effects=bare), theta)
+    torch.testing.assert_close(found.error, alone.error, rtol=0, atol=0)

@@ -22,7 +22,7 @@ from torchplate.diagnosis.settings import Fineness
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import UNIFORM, Found, n_terms, section_off
 from torchplate.model import Extrapolated, PlateModel, extrapolate, on_mesh, ritz_basis, shares_basis
-from torchplate.plate import Assembly, Mesh, Plan
+from torchplate.plate import Assembly, Local, Mesh, Plan
 
 
 class OfPlate(NamedTuple):
@@ -180,11 +180,14 @@ class ModelBuilder:
         return known.found._replace(model=on_mesh(plain, known.found.model.assembly))
 
     def _without_attached(self, model: PlateModel, theta: Tensor) -> tuple[PlateModel, Tensor]:
-        """A plate and its parameters without what effects put at places."""
-        value = model.values(theta)
-        own = {
-            label: effect for label, effect in model.effects.items() if effect.local(model.mesh, value[label]) is None
-        }
+        """A plate and its parameters without what effects put at places, and without what changes that."""
+        value, terms, own = model.values(theta), list[Local](), {}
+        for label, effect in model.effects.items():
+            after = effect.attached(model.mesh, terms, value[label])
+            changes = any(one is not other for one, other in zip(terms, after, strict=False))
+            if effect.local(model.mesh, value[label]) is None and not changes:
+                own[label] = effect
+            terms = list(after)
         if self.held or len(own) == len(model.effects):
             return model, theta
         bare = model.replaced(effects=own)
