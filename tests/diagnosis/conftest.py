@@ -104,8 +104,10 @@ NUMBERS = {"youngs_modulus": 2.05e11, "poisson_ratio": 0.3, "density": 7850.0, "
 BOX = {"plate.youngs_modulus": Searched(1.8e11, 2.3e11), "loss.stiffness_loss_factor": Searched(1e-3, 5e-2, True)}
 
 
-def small_plate(searched=None, gain=1.0, mass=0.0, wire=(), patch=1.0, ratio=1.0, aspect=1.0, loss=1e-2) -> PlateModel:
-    """A free plate with ten modes below 300 Hz, and a gain, a mass, a wire, a soft patch and a grain hidden in it."""
+def small_plate(
+    searched=None, gain=1.0, mass=0.0, wire=(), patch=1.0, ratio=1.0, aspect=1.0, loss=1e-2, along=()
+) -> PlateModel:
+    """A free plate with ten modes below 300 Hz; a gain, a mass, a wire, a soft patch, a grain or losses are in it."""
     effects = {"plate": CATALOGUE["plate"](), "loss": CATALOGUE["hysteretic_damping"]()}
     known = {f"plate.{name}": value for name, value in NUMBERS.items()} | {"loss.stiffness_loss_factor": loss}
     if gain != 1.0:
@@ -120,6 +122,9 @@ def small_plate(searched=None, gain=1.0, mass=0.0, wire=(), patch=1.0, ratio=1.0
     if ratio != 1.0:
         effects["grain"] = CATALOGUE["orthotropy"]()
         known |= {"grain.young_ratio": ratio, "grain.shear_factor": 1.0}
+    if along:
+        effects["own"] = CATALOGUE["directional_damping"]()
+        known |= dict(zip(("own.loss_x", "own.loss_y", "own.loss_xy"), along, strict=True))
     if patch != 1.0:
         effects["patch"] = CATALOGUE["stiffness_loss"]()
         known |= {
@@ -172,10 +177,10 @@ class Scene:
         every = candidates(self.state.model, self.fit.theta, self.ranking.channels)
         return next(one for one in every if one.name == name)
 
-    def hypothesis(self, name: str, start=0.5, state: State | None = None) -> Hypothesis:
-        """The effect in the model, fitted from there."""
+    def hypothesis(self, name: str, start=0.5, state: State | None = None, idle=()) -> Hypothesis:
+        """The effect in the model, fitted from there; without those of its numbers that are said to do nothing."""
         model = (state or self.state).model
-        candidate = self.candidate(name)
+        candidate = self.candidate(name).without(idle)
         whole = with_candidate(model, f"{name}_1", candidate)
         place = torch.zeros(1, len(whole.names), dtype=torch.float64) + torch.as_tensor(start, dtype=torch.float64)
         return Hypothesis(candidate, f"{name}_1", fit(self.builder, whole, place, wide=False))

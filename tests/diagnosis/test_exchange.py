@@ -18,10 +18,10 @@ from torchplate.diagnosis.settings import SETTINGS
 class Two:
     """A gain and a mass are hidden; one of two names was given first, the mass is found beside it."""
 
-    def __init__(self, lab, first: str, *rivals: str):
-        scene = lab.Scene(hidden={"gain": 1.1, "mass": 0.15})
+    def __init__(self, lab, first: str, *rivals: str, hidden=None, idle=()):
+        scene = lab.Scene(hidden=(hidden or {"gain": 1.1}) | {"mass": 0.15})
         self.builder, before = scene.builder, scene.fit
-        hypotheses = {name: scene.hypothesis(name) for name in (first, *rivals)}
+        hypotheses = {name: scene.hypothesis(name, idle=idle) for name in (first, *rivals)}
         named = hypotheses[first]
         choice = choose(list(hypotheses.values()), before, named)
         model = with_candidate(scene.state.model, named.label, named.candidate)
@@ -72,6 +72,24 @@ def test_what_promises_most_beside_the_others_takes_the_place_of_a_name_that_not
     # What was judged last is as it was judged.
     assert two.exchange.judged_again(found) is found
     assert len(two.said) == said
+
+
+@torch.no_grad()
+@pytest.mark.check
+@pytest.mark.parametrize("idle", [("loss_x",), ("loss_x", "loss_xy"), ()])
+def test_a_number_that_did_nothing_when_its_effect_was_named_is_asked_again_beside_the_others(lab, idle):
+    """What else was missing then may have kept it there; and one that does nothing now is left out."""
+    two = Two(lab, "directional_damping", hidden={"along": (0.006, 0.03, 0.0)}, idle=idle)
+    found = two.exchange.judged_again(two.state)
+    assert [one.hypothesis.name for one in found.named] == ["directional_damping", "point_mass"]
+    values = dict(zip(found.model.names, found.fit.theta.tolist(), strict=True))
+    assert found.fit.reduced_misfit == pytest.approx(1.0, abs=0.15)
+    # The same loss more in all directions is the common one: what they differ by is known.
+    least = values.get("directional_damping_1.loss_xy", 0.0)
+    assert values["directional_damping_1.loss_x"] - least == pytest.approx(0.006, rel=0.05)
+    assert values["directional_damping_1.loss_y"] - least == pytest.approx(0.03, rel=0.05)
+    assert {*found.named[0].hypothesis.own} == {*found.named[0].hypothesis.candidate.searched}
+    assert not bool(found.model.space.at_bound(found.fit.theta).any())
 
 
 @torch.no_grad()

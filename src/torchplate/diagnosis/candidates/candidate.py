@@ -1,7 +1,7 @@
 """An effect that may be missing: with its options, what is looked for of it, and what to try."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -55,6 +55,7 @@ class Candidate:
         widened: the model's own parameters that mean something else beside it: their intervals without and with it.
         detail: its parameters that are looked for once it was found, and where; until then they are neutral.
         overrules: whether it stands for a number that was told with its standard deviation.
+        idle: its parameters that did nothing where it was found, and where they had been looked for.
     """
 
     effect: Effect
@@ -67,6 +68,7 @@ class Candidate:
     widened: Mapping[str, tuple[Searched, Searched]] = field(default_factory=dict)
     detail: Mapping[str, Searched] = field(default_factory=dict)
     overrules: bool = False
+    idle: Mapping[str, Searched] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -78,6 +80,16 @@ class Candidate:
         neutral = {key: self.effect.parameters[key].neutral for key in self.detail}
         known = {key: value for key, value in neutral.items() if value is not None}
         return replace(self, searched={**self.searched, **self.detail}, neutral={**self.neutral, **known}, detail={})
+
+    def without(self, idle: Collection[str]) -> "Candidate":
+        """The same without those of its numbers that do nothing."""
+        kept = {key: interval for key, interval in self.searched.items() if key not in idle}
+        left = {key: interval for key, interval in self.searched.items() if key in idle}
+        return replace(self, searched=kept, idle={**self.idle, **left})
+
+    def with_idle(self) -> "Candidate":
+        """The same with those of its numbers that did nothing."""
+        return replace(self, searched={**self.searched, **self.idle}, idle={})
 
     @property
     def is_patch(self) -> bool:

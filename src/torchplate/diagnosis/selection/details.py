@@ -1,7 +1,6 @@
 """The best effects with their details, and without what does nothing of them."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import torch
 from jaxtyping import Float
@@ -74,24 +73,23 @@ class Details:
             return []
         found = []
         for one in hypotheses:
-            idle = _idle(one)
+            idle = idle_of(one)
             if (
                 not idle
                 or len(idle) == len(one.candidate.searched)
                 or one.cost - best.cost > never_equivalent(best.fit)
             ):
                 continue
-            kept = {key: interval for key, interval in one.candidate.searched.items() if key not in idle}
-            simpler = replace(one.candidate, searched=kept)
+            simpler = one.candidate.without(idle)
             whole = with_candidate(state.model, one.label, simpler)
-            own = {key: one.own[key] for key in kept}
+            own = {key: one.own[key] for key in simpler.searched}
             start = start_of(whole, one.beside(state.model), state.model, own, one.label)
             about = known_section(one.fit)
             found.append(self.refits.refit(state, simpler, one.label, start[None], about=about))
         return found
 
 
-def _idle(one: Hypothesis) -> set[str]:
+def idle_of(one: Hypothesis) -> set[str]:
     """Its numbers that ended on the edge of their interval that is next to where they do nothing."""
     names, searched = one.fit.model.names, one.candidate.searched
     edge = dict(zip(names, one.fit.model.space.at_bound(one.fit.theta).tolist(), strict=True))

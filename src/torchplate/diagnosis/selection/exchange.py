@@ -19,6 +19,7 @@ from torchplate.diagnosis.selection.criterion import (
     is_noise,
     known_section,
 )
+from torchplate.diagnosis.selection.details import idle_of
 from torchplate.diagnosis.selection.near import to_beat
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.trace import Naming, State
@@ -66,7 +67,8 @@ class Exchange:
 
     def _one_judged_again(self, state: State, index: int) -> State:
         naming = state.named[index]
-        here = replace(naming.hypothesis, fit=state.fit)
+        here = self._in_its_numbers(state, naming)
+        changed = here.candidate is not naming.hypothesis.candidate
         elsewhere = {one.hypothesis.name for one in state.named}
         near = sorted((one for one in naming.rivals if one.name not in elsewhere), key=lambda one: one.cost)
         promised = self._promised(state, naming) if self._is_far(state.fit) else []
@@ -81,15 +83,17 @@ class Exchange:
             near += supports
             every = [*(priced if one is best else one for one in every), *supports]
             choice = choose(every, naming.before)
-        if choice.holds(here):
+        held = choice.holds(here)
+        if held and not changed:
             choice = choose(every, naming.before, here)
             kept = (*state.named[:index], replace(naming, again=choice), *state.named[index + 1 :])
             return replace(state, named=kept)
         # A name stays where it is as good as the best, if at another place.
         same = [one for one in every if one.name == here.name and choice.holds(one)]
-        better = min(same, key=lambda one: one.cost, default=choice.best)
+        better = here if held else min(same, key=lambda one: one.cost, default=choice.best)
         choice = choose(every, naming.before, better)
-        self.say(f"{better.name} in place of {naming.hypothesis.name}")
+        other = f" with {', '.join(better.candidate.searched)}" if better.name == naming.hypothesis.name else ""
+        self.say(f"{better.name}{other} in place of {naming.hypothesis.name}")
         as_then = self._as_then([naming.hypothesis, *near], better)
         renamed = replace(
             naming, hypothesis=as_then, choice=choose([naming.hypothesis, *near], naming.before, as_then), again=choice
@@ -103,6 +107,23 @@ class Exchange:
             fit=better.fit,
             named=(*state.named[:index], renamed, *later),
         )
+
+    def _in_its_numbers(self, state: State, naming: Naming) -> Hypothesis:
+        """A named effect with those numbers that did nothing when it was named, and without those that do nothing now.
+
+        What was missing then may have kept them where they did nothing.
+        """
+        here = replace(naming.hypothesis, fit=state.fit)
+        if not state.fit.by_noise:
+            return here
+        forms = [here]
+        if here.candidate.idle:
+            forms.append(self._in_place_of(state, naming, replace(here, candidate=here.candidate.with_idle())))
+        idle = idle_of(forms[-1])
+        if idle and len(idle) < len(forms[-1].candidate.searched):
+            simpler = replace(forms[-1], candidate=forms[-1].candidate.without(idle))
+            forms.append(self._in_place_of(state, naming, simpler))
+        return min(forms, key=lambda one: one.cost)
 
     def beside_those_in_doubt(self, state: State, coarse: Fit, builder: ModelBuilder) -> State:
         """Names beside their rivals on a finer mesh, where what the coarser one had left may be what told them apart.
@@ -140,16 +161,19 @@ class Exchange:
     @staticmethod
     def _as_then(every: Sequence[Hypothesis], better: Hypothesis) -> Hypothesis:
         """A hypothesis as it ended where the later names were not known yet; as it is, where it was not tried then."""
-        same = [one for one in every if one.name == better.name and one.label == better.label]
+        own = {f"{better.label}.{key}" for key in better.candidate.searched}
+        same = [one for one in every if one.name == better.name and own <= {*one.fit.model.names}]
         same.sort(key=lambda one: (one.candidate is not better.candidate, one.cost))
         return replace(same[0], candidate=better.candidate) if same else better
 
     def _in_place_of(self, state: State, naming: Naming, rival: Hypothesis) -> Hypothesis:
         model = self._exchanged(state, naming, rival)
+        rest = {f"{rival.label}.{key}": value for key, value in rival.candidate.neutral.items()}
         then = dict(zip(rival.fit.model.names, rival.fit.theta.tolist(), strict=True))
         now = dict(zip(state.model.names, state.fit.theta.tolist(), strict=True))
         # From where the rest is now, and from where the rival had it.
-        starts = [[values[name] for name in model.names] for values in (then | now, now | then)]
+        ways = (then | now,) if rival.fit is state.fit else (then | now, now | then)
+        starts = [[(rest | values)[name] for name in model.names] for values in ways]
         start = model.space.to_cube(torch.tensor(starts).to(state.fit.theta)).clamp(1e-3, 1 - 1e-3)
         limit = self._hopeless(state.fit)
         about, beat = known_section(state.fit), self._beat(state.fit)
