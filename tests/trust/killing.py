@@ -52,6 +52,8 @@ KEPT = {
     "time_delay",
     "channel_polarity",
 }
+# What a diagnosis is to find.
+HIDDEN = {"hidden": {"effect": "point_mass", "x": 0.31, "y": 0.68, "mass": 0.03}}
 # References, end of the band [Hz] and lines. A diagnosis of four FRFs at few lines still descends, settles on a finer
 # mesh and writes its report.
 WHOLE, DIAGNOSED = ((1, 6, 10), 300.0, 60), ((1, 10), 150.0, 24)
@@ -116,11 +118,10 @@ class Killing:
 
         # The same measurement, to the last digit, however many threads its command will have.
         torch.set_num_threads(1)
-        hidden = {"hidden": {"effect": "point_mass", "x": 0.31, "y": 0.68, "mass": 0.03}}
         truth = json.loads(json.dumps(PLATE))
         truth["effects"]["plate"]["youngs_modulus"] = TRUTH
         if self.verb == "diagnose":
-            truth["effects"] |= hidden
+            truth["effects"] |= HIDDEN
             truth["mesh"] |= {"n_x": 4, "n_y": 3, "refine": 4, "extrapolate": True}
             truth["measurement"] = {"band": [0.0, 400.0]}
         path = self.folder / "truth.yaml"

@@ -18,6 +18,8 @@ ALONE = """
 import pathlib, sys
 import killing
 killing.DIAGNOSED = killing.WHOLE
+# Of two effects a diagnosis judges the first again: more descents, of more kinds.
+killing.HIDDEN["gain"] = {"effect": "sensor_gain", "gain": 1.2}
 killing.without_rendering()
 killing.Killing(sys.argv[1], pathlib.Path(sys.argv[2]), 0, 15)
 """
