@@ -162,7 +162,8 @@ class Exchange:
     def _as_then(every: Sequence[Hypothesis], better: Hypothesis) -> Hypothesis:
         """A hypothesis as it ended where the later names were not known yet; as it is, where it was not tried then."""
         own = {f"{better.label}.{key}" for key in better.candidate.searched}
-        same = [one for one in every if one.name == better.name and own <= {*one.fit.model.names}]
+        same = [one for one in every if (one.name, one.label) == (better.name, better.label)]
+        same = [one for one in same if own <= {*one.fit.model.names}]
         same.sort(key=lambda one: (one.candidate is not better.candidate, one.cost))
         return replace(same[0], candidate=better.candidate) if same else better
 
