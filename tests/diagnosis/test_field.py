@@ -36,6 +36,23 @@ class TestGrid:
         assert middle.tolist() == pytest.approx([0.625, 1 / 3])
         assert spread.tolist() == pytest.approx([0.125, 0.0], abs=1e-12)
 
+    def test_a_value_that_no_frf_sees_has_no_weight(self):
+        """The free edge of a plate does not bend: how stiff it is there is anybody's guess."""
+        grid = Grid(3, 2, False)
+        values = torch.tensor([5.0, 0.1, 0.0, 5.0, 0.1, 0.0], dtype=torch.float64)
+        seen = torch.tensor([0.0, 1.0, 1.0, 0.0, 1.0, 1.0], dtype=torch.float64)
+        assert grid.centre(values)[0].tolist() == pytest.approx([0.0, 0.5], abs=1e-3)
+        assert grid.centre(values, seen)[0].tolist() == pytest.approx([0.5, 0.5])
+
+    def test_a_turned_square_bends_along_y_where_it_bent_along_x(self):
+        grid = Grid(3, 3, True)
+        values = torch.zeros(3, 9, dtype=torch.float64)
+        values[0, 2], values[2, 1] = 1.0, 2.0
+        turned = grid.images(values.flatten())[3].unflatten(0, (3, 9))
+        assert turned.nonzero().tolist() == [[1, 6], [2, 3]]
+        # Without directions the values stay what they are.
+        assert Grid(3, 3, True).images(values[0])[3].nonzero().tolist() == [[6]]
+
     def test_a_square_has_seven_images_and_a_rectangle_three(self):
         values = torch.arange(12.0, dtype=torch.float64)
         images = Grid(4, 3, False).images(values)
@@ -69,7 +86,8 @@ class TestStrength:
         values[13] = 3.0
         grid = Grid(6, 5, False)
         data = self._data(values)
-        chosen = cross_validated(data, forms(grid, None, SETTINGS.inferring), SETTINGS.inferring)
+        none = torch.zeros_like(values)
+        chosen = cross_validated(data, forms(grid, none, SETTINGS.inferring), SETTINGS.inferring)
         assert chosen.error < 0.5 * float(data.square.sum()) / data.n
         again = cross_validated(self._data(values), forms(grid, values, SETTINGS.inferring), SETTINGS.inferring)
         # Weights that know where the one value is leave nothing but noise.
@@ -80,7 +98,7 @@ class TestStrength:
         grid = Grid(6, 5, False)
         nothing = torch.zeros(30, dtype=torch.float64)
         data = self._data(nothing)
-        chosen = cross_validated(data, forms(grid, None, SETTINGS.inferring), SETTINGS.inferring)
+        chosen = cross_validated(data, forms(grid, nothing, SETTINGS.inferring), SETTINGS.inferring)
         assert chosen.error > (1 - SETTINGS.inferring.helps) * float(data.square.sum()) / data.n
 
     def test_directions_of_which_rounding_alone_is_left_stay_where_they_are(self):
@@ -122,12 +140,14 @@ def test_the_columns_are_the_derivatives_of_the_frfs(lab, kind):
         scene = lab.Scene()
         grid = Grid(3, 4, False)
         model = FieldModel(scene.builder, scene.fit, kind, grid)
-        values = 0.1 * model.unit * torch.linspace(0.5, 1.5, 12, dtype=torch.float64)
+        n = len(model.effect.parameters)
+        assert n == (36 if kind == "stiffness" else 12)
+        values = 0.1 * model.unit * torch.linspace(0.5, 1.5, n, dtype=torch.float64)
         model.rebased(scene.fit.theta, values)
         lines = lab.SMALL_LINES
         every = model.joined(scene.fit.theta, values)
         columns = model.columns(model.reduced, every, lines)
-        for k in (0, 5, 10):
+        for k in (0, 5, 10, *((17, 30) if kind == "stiffness" else ())):
             step = torch.zeros_like(values)
             step[k] = 1e-4 * model.unit
             high, low = (

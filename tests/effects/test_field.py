@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from torchplate.cli.config.build import load_model
-from torchplate.effects import Field, GroundSpring, HystereticDamping, Plate
+from torchplate.effects import Field, GroundSpring, HystereticDamping, Orthotropy, Plate
 from torchplate.model import PlateModel
 from torchplate.plate import Mesh
 
@@ -37,6 +37,32 @@ def close(one: torch.Tensor, other: torch.Tensor) -> bool:
 )
 def test_a_field_of_one_value_is_the_plates_own_number_everywhere(kind, value, known):
     assert close(read(missing=Field(kind, 3, 4, (value,) * 12)), read(known))
+
+
+def test_a_directional_field_of_one_value_each_is_an_orthotropic_plate():
+    """D₁₁, D₂₂, D₁₂ and D₃₃ of that plate, by hand."""
+    along_x, along_y, twist = 0.44, -0.19, 0.3
+    field = Field("stiffness", 3, 4, (*(along_x,) * 12, *(along_y,) * 12, *(twist,) * 12), directional=True)
+    root = ((1 + along_x) * (1 + along_y)) ** 0.5
+    own = {
+        "plate.youngs_modulus": 69e9 * root,
+        "grain.young_ratio": (1 + along_y) / (1 + along_x),
+        "grain.shear_factor": (1 + twist) / root,
+    }
+    assert close(read(missing=field), read(own, grain=Orthotropy()))
+
+
+def test_a_directional_field_whose_three_are_alike_is_one_without_directions():
+    values = tuple(torch.linspace(-0.3, 0.6, 12, dtype=torch.float64).tolist())
+    directional = Field("stiffness", 3, 4, values * 3, directional=True)
+    assert close(read(missing=directional), read(missing=Field("stiffness", 3, 4, values)))
+
+
+def test_only_a_stiffness_has_directions():
+    with pytest.raises(ValueError, match=r"Expected field.directional of a stiffness alone, got a field of 'mass'"):
+        Field("mass", 2, 2, directional=True)
+    with pytest.raises(ValueError, match=r"Expected 12 field.values.*along x, along y and in twist, got 4"):
+        Field("stiffness", 2, 2, (0.1,) * 4, directional=True)
 
 
 def test_losses_of_two_fields_add_up_place_by_place():
@@ -97,20 +123,32 @@ def test_a_plate_of_no_stiffness_is_refused():
         read(missing=Field("stiffness", 2, 2, (0.0, 0.0, -1.2, 0.0)))
 
 
-def test_a_config_holds_a_field_as_a_list(tmp_path):
+@pytest.mark.parametrize(
+    ("body", "searched", "same"),
+    [
+        ("kind: mass, n_x: 2, n_y: 2, values: [0.1, 0.2, 0.3, 0.4], value_4: [0.0, 1.0]", "value_4",
+         Field("mass", 2, 2, (0.1, 0.2, 0.3, 0.6))),
+        ("kind: stiffness, directional: true, value_9: [0.0, 1.0]", "value_9",
+         Field("stiffness", 2, 2, (*(0.0,) * 8, 0.6, *(0.0,) * 3), True)),
+    ],
+    ids=["mass", "directional"],
+)  # fmt: skip
+def test_a_config_holds_a_field_as_a_list(tmp_path, body, searched, same):
     config = tmp_path / "plate.yaml"
     config.write_text(
         "mesh: {length_x: 0.52, length_y: 0.37, n_x: 5, n_y: 4}\n"
         "effects:\n"
         "  plate: {effect: plate, youngs_modulus: 69e9, poisson_ratio: 0.31, density: 2710.0, thickness: 0.0031}\n"
         "  loss: {effect: hysteretic_damping, stiffness_loss_factor: 0.004}\n"
-        "  missing: {effect: field, kind: mass, n_x: 2, n_y: 2, values: [0.1, 0.2, 0.3, 0.4], value_4: [0.0, 1.0]}\n"
+        f"  missing: {{effect: field, {body}}}\n"
         "measurement: {response: [3, [0.6, 0.7]], reference: [8], kind: accelerance}\n"
     )
     model = load_model(config)
-    assert model.names == ("missing.value_4",)
+    assert model.names == (f"missing.{searched}",)
     theta = torch.tensor([0.6], dtype=torch.float64)
-    assert close(model.frf(theta, LINES), read(missing=Field("mass", 2, 2, (0.1, 0.2, 0.3, 0.6))))
+    assert close(model.frf(theta, LINES), read(missing=same))
+    # A value at a corner, in twist, does something.
+    assert not close(model.frf(0 * theta, LINES), model.frf(theta, LINES))
 
 
 def test_a_search_for_what_is_missing_never_names_it():

@@ -34,6 +34,16 @@ def test_the_map_has_the_centre_and_its_images_in_millimetres() -> None:
     assert axis.get_xlim()[1] > 500
 
 
+def test_a_stiffness_has_a_map_for_each_direction() -> None:
+    values = (*FIELD.values, *(0.0,) * 6, *(0.0, -0.9, *(0.0,) * 4))
+    field = replace(FIELD, kind="stiffness", values=values, directions=("along x", "along y", "in twist"))
+    for narrow in (False, True):
+        maps = [axis for axis in field_map(diagnosis(), field, narrow).axes if axis.get_title()]
+        assert [axis.get_title() for axis in maps] == list(field.directions)
+        assert all(any(line.get_marker() == "P" for line in axis.lines) for axis in maps)
+    assert "largest value, -90 (in twist), is at x 0.50, y 0.00" in field_told(field)
+
+
 def test_the_largest_value_is_told_at_its_node() -> None:
     assert "largest value, 40, is at x 0.50, y 1.00" in field_told(FIELD)
 

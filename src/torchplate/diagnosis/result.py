@@ -271,7 +271,7 @@ class FoundField:
         unit: of the total.
         n_x: nodes of the grid along x.
         n_y: along y.
-        values: at the nodes, along x first.
+        values: at the nodes, along x first; one direction after another where it has several.
         form: of the prior: "rough", "smooth" or "sparse".
         strength: standard deviation of a value beforehand, as cross-validation chose it, in the values' unit.
         probability: of each kind, as far as these data tell.
@@ -280,6 +280,7 @@ class FoundField:
         heldout_before: of the others; None where there is none.
         heldout_after: likewise.
         sentences: the same in words, and what these data cannot tell.
+        directions: of a stiffness that has values of its own along x, along y and in twist; none of all else.
     """
 
     kind: str
@@ -299,6 +300,7 @@ class FoundField:
     heldout_before: float | None
     heldout_after: float | None
     sentences: tuple[str, ...] = ()
+    directions: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -311,6 +313,7 @@ class FoundField:
             "values": list(self.values),
             "probability": dict(self.probability),
             "sentences": list(self.sentences),
+            "directions": list(self.directions),
         }
 
 

@@ -16,7 +16,7 @@ from torchplate.effects.directional_damping import DirectionalDamping
 from torchplate.effects.edge_spring import EdgeSpring
 from torchplate.effects.effect import CATALOGUE, Channel, Check, Effect, SensorChain, find_effect, options
 from torchplate.effects.exponential_window import ExponentialWindow
-from torchplate.effects.field import KINDS, Field
+from torchplate.effects.field import DIRECTIONS, KINDS, Field
 from torchplate.effects.frequency_dependent_loss import FrequencyDependentLoss
 from torchplate.effects.grain_angle import GrainAngle
 from torchplate.effects.ground_dashpot import GroundDashpot
@@ -43,6 +43,7 @@ from torchplate.effects.viscous_damping import ViscousDamping
 
 __all__ = [
     "CATALOGUE",
+    "DIRECTIONS",
     "KINDS",
     "Absorber",
     "AirLoading",

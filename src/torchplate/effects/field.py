@@ -24,6 +24,10 @@ MOST_NODES = 100_000
 """Of a grid [-]: a config holds no more values, and each node is one."""
 
 
+DIRECTIONS = ("along x", "along y", "in twist")
+"""Of a directional stiffness, in the order of its values."""
+
+
 def _parameter(kind: str, value: float = 0.0) -> Parameter:
     unit, meaning, allowed = MEANINGS[kind]
     return Parameter(unit, f"{meaning}; one value for each node of the grid", allowed, neutral=value)
@@ -40,20 +44,27 @@ class Field(Effect):
     list `values` says, and 0 where there is none. It says where something is and not what: no candidate of a search
     for what is missing. `diagnose` writes one where nothing of the catalogue accounts for what it sees.
 
+    A stiffness that is `directional` has three such fields, one after another: of D₁₁ along x, of D₂₂ along y and of
+    the twist D₃₃; D₁₂ follows the first two as √((1 + f_x)(1 + f_y)), which keeps D definite. A hinge along a line
+    yields in one direction alone.
+
     Args:
         kind: `stiffness`, `mass`, `loss` or `support`.
         n_x: nodes of the grid along x, two at least.
         n_y: along y.
         values: all of them; left out, 0.
+        directional: whether a stiffness has values of its own along x, along y and in twist.
 
     Raises:
-        ValueError: if there is no such kind, or the grid and the values do not fit.
+        ValueError: if there is no such kind, another one than a stiffness is directional, or the grid and the values do
+            not fit.
     """
 
     kind: str = "stiffness"
     n_x: int = 2
     n_y: int = 2
     values: Sequence[float] = ()
+    directional: bool = False
 
     parameters = {"value_1": _parameter("stiffness")}
     check = Check(2, "look at the place on the map, weigh and tap there, and put a sensor near it")
@@ -64,6 +75,10 @@ class Field(Effect):
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ValueError(f"Expected field.kind to be one of {', '.join(KINDS)}, got '{self.kind}'. Name one.")
+        if self.directional and self.kind != "stiffness":
+            raise ValueError(
+                f"Expected field.directional of a stiffness alone, got a field of '{self.kind}'. Leave directional out."
+            )
         if min(self.n_x, self.n_y) < 2:
             raise ValueError(
                 f"Expected a grid of two nodes a side at least, got field.n_x {self.n_x}, n_y {self.n_y}. Raise them."
@@ -73,14 +88,21 @@ class Field(Effect):
             raise ValueError(
                 f"Expected a grid of {MOST_NODES} nodes at most, got field.n_x {self.n_x}, n_y {self.n_y}. Lower them."
             )
+        count *= self.n_part
         if len(self.values) not in (0, count):
+            each = f", {', '.join(DIRECTIONS[:-1])} and {DIRECTIONS[-1]}" if self.directional else ""
             raise ValueError(
-                f"Expected {count} field.values, one for each node of the {self.n_x} × {self.n_y} grid, got "
+                f"Expected {count} field.values, one for each node of the {self.n_x} × {self.n_y} grid{each}, got "
                 f"{len(self.values)}. Give all, or none."
             )
         values = self.values or [0.0] * count
         found = {f"value_{k + 1}": _parameter(self.kind, float(value)) for k, value in enumerate(values)}
         object.__setattr__(self, "parameters", found)
+
+    @property
+    def n_part(self) -> int:
+        """Fields that it has: three of a directional stiffness."""
+        return len(DIRECTIONS) if self.directional else 1
 
     @property
     def nodes_at(self) -> Float[Tensor, "n_node 2"]:
@@ -102,7 +124,12 @@ class Field(Effect):
         if self.kind == "support":
             return section
         every = self._every(value)
-        there = every @ self.hats(mesh.element_place.to(every)).mT
+        there = every.unflatten(-1, (self.n_part, -1)) @ self.hats(mesh.element_place.to(every)).mT
+        if self.directional:
+            along_x, along_y, twist = (1 + there).unbind(-2)
+            factor = torch.stack([along_x, along_y, (along_x * along_y).sqrt(), twist], dim=-1)
+            return section._replace(stiffness_factor=section.stiffness_factor * factor)
+        there = there[..., 0, :]
         if self.kind == "stiffness":
             return section._replace(stiffness_factor=section.stiffness_factor * (1 + there[..., None]))
         if self.kind == "mass":
@@ -117,5 +144,5 @@ class Field(Effect):
         every = self._every(value)
         return Local(vector=mesh.deflection_at(self.nodes_at.to(every)), stiffness=every)
 
-    def _every(self, value: Value) -> Float[Tensor, "*batch n_node"]:
+    def _every(self, value: Value) -> Float[Tensor, "*batch n_value"]:
         return torch.stack(torch.broadcast_tensors(*(value[name] for name in self.parameters)), dim=-1)

@@ -34,12 +34,14 @@ class Place(NamedTuple):
         values: of the field.
         about: the specimen.
         chosen: prior of the field, and how well it predicts; None before the sharp level.
+        seen: what a unit of each value does to the FRFs, its square in those of what is left; None before likewise.
     """
 
     position: Float[Tensor, " n_own"]
     values: Float[Tensor, " n_value"]
     about: Found | None = None
     chosen: Chosen | None = None
+    seen: Float[Tensor, " n_value"] | None = None
 
 
 class _Linear(NamedTuple):
@@ -136,7 +138,8 @@ class FieldDescent:
             nonnegative=self.model.low == 0,
         )
         there = self._stepped(problem, place, linear, chosen.precision, level)
-        return there._replace(about=self._specimen(marginal, there), chosen=chosen)
+        seen = linear.value[: linear.n_data].square().sum(0)
+        return there._replace(about=self._specimen(marginal, there), chosen=chosen, seen=seen)
 
     def left(self, place: Place) -> Tensor:
         """What was measured less what the specimen would show."""

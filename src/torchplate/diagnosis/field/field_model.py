@@ -1,5 +1,6 @@
 """A fitted model with a field in it, in one basis, and what each value of the field does to the FRFs."""
 
+from dataclasses import replace
 from typing import Final
 
 import torch
@@ -37,7 +38,7 @@ class FieldModel:
         settings = builder.target.settings.inferring
         farthest = settings.farthest(builder.target.levels - 1)
         self.builder, self.kind, self.grid = builder, kind, grid
-        self.effect = Field(kind=kind, n_x=grid.n_x, n_y=grid.n_y)
+        self.effect = Field(kind=kind, n_x=grid.n_x, n_y=grid.n_y, directional=kind == "stiffness")
         base = builder.corrected(builder.adopt(fit.model), fit.theta).model
         self.base = base
         self.label = next(one for one in (LABEL, *(f"{LABEL}_{k}" for k in range(2, 99))) if one not in base.effects)
@@ -74,7 +75,7 @@ class FieldModel:
 
     def as_known(self, values: Float[Tensor, " n_value"]) -> Field:
         """The effect with these values, as a config holds them."""
-        return Field(self.kind, self.grid.n_x, self.grid.n_y, tuple(float(f"{one:.5g}") for one in values.tolist()))
+        return replace(self.effect, values=tuple(float(f"{one:.5g}") for one in values.tolist()))
 
     def specimen(self, about: Found | None) -> PlateModel:
         """The model of the specimen that was found."""
@@ -92,7 +93,7 @@ class FieldModel:
         return matrix_columns(model, every, frequency, self._stiffness, self._mass, decay, lossy)
 
     def _changes(self, plan: Plan) -> tuple[Tensor, Tensor]:
-        """Stiffness and mass of a unit of each value, in the basis."""
+        """Stiffness and mass of a unit of each value beside no field, in the basis."""
         assembly, section = self.reduced.assembly, plan.section
         size, n = assembly.size, len(self.effect.parameters)
         nothing = self.base.known.new_zeros(n, size, size)
@@ -104,6 +105,15 @@ class FieldModel:
         if self.kind == "mass":
             heavy = section.areal_mass / section.areal_mass.mean()
             return nothing, torch.stack([elements.mass(one * heavy) for one in hats])
+        if self.effect.directional:
+            factor = section.stiffness_factor.movedim(-1, 0)[..., None, None]
+            along_x, along_y, cross, twist = factor * section.sound_parts
+            changes = [
+                assembly.stiffness_coefficient(one, plan.geometry)
+                for one in (along_x + 0.5 * cross, along_y + 0.5 * cross, twist)
+            ]
+            found = torch.stack([elements.stiffness(hat, one) for one in changes for hat in hats])
+            return 0.5 * (found + found.mT), nothing
         rigidity = section.rigidity.mean(-3)[None]
         stiff = section.rigidity[..., 0, 0] / rigidity[..., 0, 0]
         coefficient = assembly.stiffness_coefficient(rigidity, plan.geometry)

@@ -52,20 +52,33 @@ class Grid(NamedTuple):
             sides.append(side)
         return (sides[1][:, None] * sides[0]).flatten()
 
-    def centre(self, values: Float[Tensor, " n_node"]) -> tuple[Float[Tensor, " 2"], Float[Tensor, " 2"]]:
+    def centre(
+        self, values: Float[Tensor, " n_value"], seen: Float[Tensor, " n_value"] | None = None
+    ) -> tuple[Float[Tensor, " 2"], Float[Tensor, " 2"]]:
         """Where the weight of a field sits, and its standard deviation about that along x and y, relative.
 
-        The weight is the square of the value: what is large counts, and not what is wide and faint.
+        The weight is the square of what a value does to the FRFs: one where no mode bends says nothing of the place.
+
+        Args:
+            values: of the field.
+            seen: the square of what a unit of each does; left out, the area that it stands for.
         """
-        weight = values.square() * self.area
+        each = self.area if seen is None else self.parts(seen)
+        weight = (self.parts(values).square() * each).sum(0)
         weight = weight / weight.sum().clamp(min=1e-300)
         middle = weight @ self.place
         return middle, (weight @ (self.place - middle).square()).sqrt()
 
-    def images(self, values: Float[Tensor, " n_node"]) -> list[Float[Tensor, " n_node"]]:
+    def parts(self, values: Float[Tensor, " n_value"]) -> Float[Tensor, "n_part n_node"]:
+        """The fields of a directional stiffness; one of all else."""
+        return values.unflatten(0, (-1, self.n_x * self.n_y))
+
+    def images(self, values: Float[Tensor, " n_value"]) -> list[Float[Tensor, " n_value"]]:
         """The mirror images of a field, and on a square those turned by a right angle."""
-        whole = values.unflatten(0, (self.n_y, self.n_x))
-        found = [whole.flip(1), whole.flip(0), whole.flip(0, 1)]
+        whole = self.parts(values).unflatten(-1, (self.n_y, self.n_x))
+        found = [whole.flip(2), whole.flip(1), whole.flip(1, 2)]
         if self.square and self.n_x == self.n_y:
-            found += [one.mT for one in (whole, *found)]
+            # What was along x is along y then.
+            turned = [1, 0, *range(2, len(whole))] if len(whole) > 1 else [0]
+            found += [one[turned].mT for one in (whole, *found)]
         return [one.flatten() for one in found]

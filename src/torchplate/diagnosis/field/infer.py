@@ -119,7 +119,7 @@ def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[st
     start = descents[0].start(fit)
     aside = Aside(every.holding_out(~apart), part_left(target, descents[0].left(start)))
     without = aside.log_left(descents[0], start)
-    kinds = [_begun(one, start, aside) for one in descents]
+    kinds = [_begun(one, one.start(fit), aside) for one in descents]
     for _ in range(settings.n_all):
         part = min(part_left(target, one.descent.left(one.place)) for one in kinds)
         kinds = [one.after(one.descent.sharply(one.place, part), aside) for one in kinds]
@@ -179,26 +179,28 @@ def _probability(log_left: Mapping[str, float], n_eff: float) -> dict[str, float
 
 
 def _among_images(one: _Kind, aside: Aside) -> tuple[_Kind, list[Tensor]]:
-    """The best of a field and its mirror images, and the values of those that are as good."""
+    """The best of a field and its mirror images, and the centres of those that are as good."""
     descent, settings = one.descent, one.descent.settings
     near = 2 * math.log(settings.twin) / _worth(aside.target, aside.part)
     found = [one]
-    for values in descent.model.grid.images(one.nearest.values):
-        place = one.nearest._replace(values=values)
+    grid, nearest = descent.model.grid, one.nearest
+    seen = [None] * 7 if nearest.seen is None else grid.images(nearest.seen)
+    for values, felt in zip(grid.images(nearest.values), seen, strict=False):
+        place = nearest._replace(values=values, seen=felt)
         image = _Kind(descent, place, place, aside.log_left(descent, place))
         # What is far off before it is fitted will not come back in one step.
         if image.log_left > one.log_left + math.log(4):
             continue
         found.append(image.after(descent.sharply(place, part_left(descent.target, descent.left(place))), aside))
     first = min(found, key=lambda image: image.log_left)
-    grid = descent.model.grid
-    middle = grid.centre(first.nearest.values)[0]
-    others = [
-        image.nearest.values
+    middle = grid.centre(first.nearest.values, first.nearest.seen)[0]
+    centres = [
+        grid.centre(image.nearest.values, image.nearest.seen)[0]
         for image in found
         if image.log_left - first.log_left < near
-        and float((grid.centre(image.nearest.values)[0] - middle).abs().max()) > 0.5 / (max(grid.n_x, grid.n_y) - 1)
     ]
+    least = 0.5 / (max(grid.n_x, grid.n_y) - 1)
+    others = [centre for centre in centres if float((centre - middle).abs().max()) > least]
     return first, others
 
 

@@ -7,7 +7,8 @@ precision Λ = P / s² of v and the noise of r one, the values are
 
 P is one of a few: all values alike (`rough`), values that go together over some spacings of the nodes (`smooth`, a
 Gaussian covariance), or a few values only (`sparse`, weights 1 / (v² + ε²) of the values before: reweighted least
-squares). Form and s are those at which the FRFs that were left out, a fold at a time, are predicted best.
+squares). In the first two, what a stiffness has along x, along y and in twist has half of its variance in common. Form
+and s are those at which the FRFs that were left out, a fold at a time, are predicted best.
 
 Sources: Golub, Heath and Wahba, Technometrics 21 (1979) 215, on choosing a ridge; Candès, Wakin and Boyd, Enhancing
 sparsity by reweighted l1 minimization, J. Fourier Analysis and Applications 14 (2008) 877, on the weights.
@@ -60,21 +61,24 @@ class Chosen(NamedTuple):
 
 
 def forms(
-    grid: Grid, values: Float[Tensor, " n_value"] | None, settings: FieldInference
+    grid: Grid, values: Float[Tensor, " n_value"], settings: FieldInference
 ) -> dict[str, Float[Tensor, "n_value n_value"]]:
     """P of each form, of a standard deviation of one on the mean over the nodes.
 
     Args:
         grid: of the nodes.
-        values: those before; None where there are none: no field is sparse then.
+        values: those before; where they are none no field is sparse.
         settings: of the inference.
     """
     place = grid.place * torch.tensor([grid.n_x - 1, grid.n_y - 1], dtype=torch.float64)
     far = (place[:, None] - place).square().sum(-1)
     one = torch.eye(len(place), dtype=torch.float64)
-    covariance = torch.exp(-0.5 * far / settings.spacing**2) + settings.alone * one
-    found = {"rough": one, "smooth": torch.linalg.inv(covariance / float(covariance.diagonal().mean()))}
-    if values is not None and bool((values != 0).any()):
+    near = torch.exp(-0.5 * far / settings.spacing**2) + settings.alone * one
+    n_part = len(grid.parts(values))
+    together = settings.together + (1 - settings.together) * torch.eye(n_part, dtype=torch.float64)
+    covariances = {"rough": one, "smooth": near / float(near.diagonal().mean())}
+    found = {form: torch.linalg.inv(torch.kron(together, within)) for form, within in covariances.items()}
+    if bool((values != 0).any()):
         size = values.square() + (settings.floor * float(values.abs().max())) ** 2
         found["sparse"] = torch.diag(size.mean() / size)
     return found

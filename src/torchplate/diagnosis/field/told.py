@@ -11,6 +11,7 @@ from torchplate.diagnosis.field.descent import Place
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.result import FoundField
 from torchplate.diagnosis.target import FrfTarget
+from torchplate.effects import DIRECTIONS
 from torchplate.notation import percent
 
 WORDS: Final = {
@@ -36,7 +37,7 @@ def as_found(
     Args:
         model: with it.
         place: where its descent ended.
-        others: values of mirror images that are as good.
+        others: centres of mirror images that are as good.
         probability: of each kind.
         gaps: fitted before and after, held out before and after.
         target: what it was held against.
@@ -44,17 +45,18 @@ def as_found(
         n_frf: that it was fitted to, and those of them that chose its kind.
     """
     grid, values = model.grid, place.values
-    middle, spread = grid.centre(values)
+    middle, spread = grid.centre(values, place.seen)
     total, unit = _total(model, values)
     # A place at the end of the wide levels has their prior.
     form, strength = ("smooth", model.unit) if place.chosen is None else (place.chosen.form, place.chosen.std)
     found = FoundField(
-        model.kind, _pair(middle), _pair(spread), tuple(_pair(grid.centre(one)[0]) for one in others), total, unit,
+        model.kind, _pair(middle), _pair(spread), tuple(map(_pair, others)), total, unit,
         grid.n_x, grid.n_y, tuple(values.tolist()), form, strength,
         {kind: round(one, 4) for kind, one in probability.items()},
         gaps[0] or 0.0, gaps[1] or 0.0, gaps[2], gaps[3],
     )  # fmt: skip
-    return replace(found, sentences=tuple(_sentences(found, n_frf, less, target)))
+    directions = DIRECTIONS if model.effect.directional else ()
+    return replace(found, directions=directions, sentences=tuple(_sentences(found, n_frf, less, target)))
 
 
 def no_field(kind: str, part: float, before: float, after: float) -> str:
@@ -81,7 +83,7 @@ def _total(model: FieldModel, values: Tensor) -> tuple[float, str]:
     """Of a mass and of springs their sum, else the mean over the plate."""
     if model.kind == "support":
         return float(values.sum()), "N/m"
-    mean = float(model.grid.area @ values)
+    mean = float((model.grid.parts(values) @ model.grid.area).mean())
     if model.kind != "mass":
         return mean, "-"
     plan = model.base.plan(model.base.space.to_si(torch.full((len(model.base.names),), 0.5).to(values)))

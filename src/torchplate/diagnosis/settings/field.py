@@ -36,6 +36,8 @@ class FieldInference:
         n_fold: parts that the FRFs are divided into for cross-validation [-].
         spacing: length over which a smooth field goes together, in spacings of the nodes [-].
         alone: part of such a field's variance that each node has of its own [-].
+        together: correlation of what a stiffness has along x, along y and in twist [-]: as much of a value is common to
+            them as is its own.
         floor: of a sparse field the largest value times this is as good as zero [-].
         strengths: standard deviation of a value over that which noise leaves of one seen alone [-]: from, to, and how
             many a decade [log10, log10, 1].
@@ -75,6 +77,7 @@ class FieldInference:
     n_fold: int = 5
     spacing: float = 1.0
     alone: float = 0.2
+    together: float = 0.5
     floor: float = 0.1
     strengths: tuple[float, float, int] = (-1.0, 4.0, 2)
     n_holding: int = 8
