@@ -199,6 +199,18 @@ def test_a_mass_is_found_as_a_mass_at_its_place(lab, scene, inferred):
 
 
 @pytest.mark.check
+def test_a_plate_that_is_stiffer_in_one_direction_is_found_as_that(lab):
+    """As a curved one is. By one number for all directions a field of mass came nearer."""
+    scene = lab.Scene(hidden={"ratio": 1.5})
+    found = infer_field(scene.builder, scene.fit, {}, **SILENT).found
+    assert found.kind == "stiffness"
+    assert found.directions == ("along x", "along y", "in twist")
+    along_x, along_y, _ = torch.tensor(found.values).unflatten(0, (3, -1)).mean(-1).tolist()
+    assert along_y - along_x > 0.2
+    assert found.gap_after < 0.3 * found.gap_before
+
+
+@pytest.mark.check
 def test_a_field_that_leaves_the_gap_is_said_to_and_not_shown(scene, monkeypatch):
     """The log said that a field takes half of the misfit, and the report that none takes more than a little."""
     monkeypatch.setattr(FrfTarget, "gap", lambda *_: torch.tensor(0.4))
