@@ -452,6 +452,16 @@ def test_a_basis_holds_plates_that_differ_by_factors_and_in_what_sits_at_the_sam
     assert frf_error(model, shared, other[None], FREQUENCY[::4]) < 5e-5
 
 
+def test_a_basis_does_not_hold_a_plate_that_is_heavier_in_places():
+    """Its rigidity is the same everywhere, its mass is not: an IndexError it was, one way round."""
+    model = plate(MESHES["rectangle"], SHARED, **{"lump.x": 0.41, "lump.y": 0.27})
+    plan = model.plan(torch.tensor([7e10, 2700.0, 900.0, 1.0, 0.0], dtype=torch.float64))
+    places = torch.linspace(0.9, 1.1, model.mesh.n_element, dtype=torch.float64)
+    heavier = plan._replace(section=plan.section._replace(density=plan.section.density * places))
+    assert not reduced_basis.shares_basis(model, heavier, plan, n_mode=10)
+    assert not reduced_basis.shares_basis(model, plan, heavier, n_mode=10)
+
+
 def test_a_basis_does_not_hold_what_sits_elsewhere_or_bends_otherwise_or_is_much_softer():
     searched = PLACED | {"plate.youngs_modulus": Searched(3e10, 8.3e10)}
     model = plate(MESHES["rectangle"], searched)

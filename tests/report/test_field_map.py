@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from torchplate.diagnosis.result import FoundField
+from torchplate.diagnosis.result import ONE_FORCE, FoundField
 from torchplate.report.blocks.document import Heading, Listing, Picture
 from torchplate.report.diagnosis import _blocks
 from torchplate.report.diagnosis_figures import figures
@@ -42,6 +42,12 @@ def test_a_stiffness_has_a_map_for_each_direction() -> None:
         assert [axis.get_title() for axis in maps] == list(field.directions)
         assert all(any(line.get_marker() == "P" for line in axis.lines) for axis in maps)
     assert "largest value, -90 (in twist), is at x 0.50, y 0.00" in field_told(field)
+
+
+def test_one_force_has_a_map_of_what_it_would_explain() -> None:
+    force = replace(FIELD, kind="support", form=ONE_FORCE, unit="N/N", values=(0.0, 0.1, 0.0, 0.0, 0.96, 0.2))
+    assert "explain of the misfit [%]: the largest value, 96, is at x 0.50, y 1.00" in field_told(force)
+    assert any("explain" in axis.get_ylabel() + axis.get_xlabel() for axis in field_map(diagnosis(), force).axes)
 
 
 def test_the_largest_value_is_told_at_its_node() -> None:

@@ -31,6 +31,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.one_thread import one_thread
 from torchplate.diagnosis.result import (
     FIRST_REFIT,
+    ONE_FORCE,
     ChannelGap,
     Diagnosis,
     Estimate,
@@ -49,6 +50,7 @@ from torchplate.diagnosis.target import FrfTarget
 
 __all__ = [
     "FIRST_REFIT",
+    "ONE_FORCE",
     "SCHEMA",
     "SETTINGS",
     "ChannelGap",

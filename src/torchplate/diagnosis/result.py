@@ -258,21 +258,27 @@ class Overlay:
     heldout: Bool[Tensor, "n_response n_reference"]
 
 
+ONE_FORCE: Final = "one force"
+"""The form of a force at one place, of whatever law."""
+
+
 @dataclass(frozen=True)
 class FoundField:
-    """What is missing as a field over the plate: its kind and place, and no name.
+    """What is missing as a field over the plate, or a force at one place: its kind and place, and no name.
 
     Attributes:
         kind: "stiffness", "mass", "loss" or "support" (a force from outside, in proportion to the deflection).
         place: where its weight sits, relative.
-        spread: standard deviation of the weight about that along x and y, relative.
+        spread: standard deviation of the weight about that along x and y, relative; of one force that of its place.
         others: places that these data cannot tell from it: its mirror images.
-        total: of a mass [kg], of springs [N/m]; of stiffness and loss the mean over the plate [-].
+        total: of a mass [kg], of springs [N/m]; of stiffness and loss the mean over the plate [-]; of one force its
+            root mean square over that of the hits [N/N].
         unit: of the total.
         n_x: nodes of the grid along x.
         n_y: along y.
-        values: at the nodes, along x first; one direction after another where it has several.
-        form: of the prior: "rough", "smooth" or "sparse".
+        values: at the nodes, along x first; one direction after another where it has several. Of one force the part of
+            the misfit that it would explain there.
+        form: of the prior: "rough", "smooth" or "sparse"; "one force" of a force at one place.
         strength: standard deviation of a value beforehand, as cross-validation chose it, in the values' unit.
         probability: of each kind, as far as these data tell.
         gap_before: of the fitted FRFs, without it.

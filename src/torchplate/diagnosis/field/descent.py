@@ -34,7 +34,8 @@ class Place(NamedTuple):
         values: of the field.
         about: the specimen.
         chosen: prior of the field, and how well it predicts; None before the sharp level.
-        seen: what a unit of each value does to the FRFs, its square in those of what is left; None before likewise.
+        seen: what a unit of each value of a stiffness does to the FRFs, its square in those of what is left; None
+            before likewise, and of all else.
     """
 
     position: Float[Tensor, " n_own"]
@@ -138,7 +139,8 @@ class FieldDescent:
             nonnegative=self.model.low == 0,
         )
         there = self._stepped(problem, place, linear, chosen.precision, level)
-        seen = linear.value[: linear.n_data].square().sum(0)
+        # A free edge does not bend, and what a stiffness is there no FRF says; it moves more than any other place.
+        seen = linear.value[: linear.n_data].square().sum(0) if self.model.kind == "stiffness" else None
         return there._replace(about=self._specimen(marginal, there), chosen=chosen, seen=seen)
 
     def left(self, place: Place) -> Tensor:

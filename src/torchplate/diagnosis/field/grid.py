@@ -57,7 +57,8 @@ class Grid(NamedTuple):
     ) -> tuple[Float[Tensor, " 2"], Float[Tensor, " 2"]]:
         """Where the weight of a field sits, and its standard deviation about that along x and y, relative.
 
-        The weight is the square of what a value does to the FRFs: one where no mode bends says nothing of the place.
+        The weight is the square of the value, or of what it does to the FRFs: what is large counts, and not what is
+        wide and faint.
 
         Args:
             values: of the field.

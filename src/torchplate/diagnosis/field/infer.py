@@ -25,7 +25,8 @@ from torchplate.diagnosis.field.aside import Aside, put_aside
 from torchplate.diagnosis.field.descent import FieldDescent, Place, inflated, part_left, thinned
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.grid import Grid
-from torchplate.diagnosis.field.told import as_found, no_field
+from torchplate.diagnosis.field.one_force import OneForce, one_force, with_one_force
+from torchplate.diagnosis.field.told import as_found, as_one_force, no_field
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
@@ -110,6 +111,11 @@ def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[st
     every = thinned(whole, settings.most_numbers, settings.least_lines)
     target, apart = put_aside(every)
     grid = Grid.of(fit.model.mesh, settings)
+    say("a force at one place, of whatever law")
+    force = one_force(builder.against(every), fit, prior, apart, grid)
+    if force is not None:
+        say(f"  of FRFs put aside it leaves {force.left:.2g} times the variance of noise, of {force.without:.3g} times")
+        return _of_one_force(builder, fit, force, grid)
     say(f"a field without a name: {', '.join(KINDS)} at {grid.n_x} × {grid.n_y} nodes")
 
     def descent(kind: str, seen: FrfTarget) -> FieldDescent:
@@ -131,6 +137,19 @@ def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[st
     probability = _probability({one.descent.model.kind: one.log_left for one in kinds}, _worth(aside.target, part))
     one, others = _among_images(*_to_its_end(descent(kind, every), fit))
     return _told(builder, fit, one, others, probability, less, (int(every.fitted.sum()), int(apart.sum())))
+
+
+def _of_one_force(builder: ModelBuilder, fit: Fit, force: OneForce, grid: Grid) -> Inferred:
+    """What is attached at one place, on all lines."""
+    gaps = _gaps(builder.target, at_all_lines(builder.target, fit), with_one_force(builder, fit, force))
+    return Inferred(as_one_force(force, grid, gaps), builder.finished(force.model, force.theta))
+
+
+def _gaps(target: FrfTarget, before: Tensor, after: Tensor) -> list[float | None]:
+    """Of the fitted FRFs before and after, and of those held out; None where there are none."""
+    whole = target.at_all_lines
+    gaps = [float(whole.gap(read, heldout)) for heldout in (False, True) for read in (before, after)]
+    return [None if math.isnan(gap) else gap for gap in gaps]
 
 
 def _begun(descent: FieldDescent, start: Place, aside: Aside) -> _Kind:
@@ -219,12 +238,7 @@ def _told(
     model.rebased(theta, place.values)
     every = model.joined(theta, place.values)
     whole = target.at_all_lines
-    predictions = at_all_lines(target, fit), whole.predict(as_it_is_meant(model.reduced), every)
-    gaps: list[float | None] = []
-    for heldout in (False, True):
-        for read in predictions:
-            gap = float(whole.gap(read, heldout))
-            gaps.append(None if math.isnan(gap) else gap)
+    gaps = _gaps(target, at_all_lines(target, fit), whole.predict(as_it_is_meant(model.reduced), every))
     before, after = (gaps[2], gaps[3]) if gaps[2] is not None else (gaps[0], gaps[1])
     if before is None or after is None:
         return None

@@ -9,7 +9,9 @@ from torch import Tensor
 
 from torchplate.diagnosis.field.descent import Place
 from torchplate.diagnosis.field.field_model import FieldModel
-from torchplate.diagnosis.result import FoundField
+from torchplate.diagnosis.field.grid import Grid
+from torchplate.diagnosis.field.one_force import OneForce
+from torchplate.diagnosis.result import ONE_FORCE, FoundField
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import DIRECTIONS
 from torchplate.notation import percent
@@ -59,6 +61,52 @@ def as_found(
     return replace(found, directions=directions, sentences=tuple(_sentences(found, n_frf, less, target)))
 
 
+def as_one_force(force: OneForce, grid: Grid, gaps: Sequence[float | None]) -> FoundField:
+    """A force at one place as it is reported: what its map shows is the part of the misfit that it would explain.
+
+    Args:
+        force: at its place.
+        grid: nodes of its map.
+        gaps: fitted before and after, held out before and after.
+    """
+    place = _pair(force.place)
+    found = FoundField(
+        "support", place, force.std, force.others, force.size, "N/N", grid.n_x, grid.n_y, force.map, ONE_FORCE, 0.0,
+        {"support": 1.0}, gaps[0] or 0.0, gaps[1] or 0.0, gaps[2], gaps[3],
+    )  # fmt: skip
+    x, y = (f"{one:.3f} ± {std:.1g}" for one, std in zip(place, force.std, strict=True))
+    before, after = _gaps_of(found)
+    said = [
+        f"Something is attached at x {x}, y {y} of the sides that no effect of the catalogue describes: with a force "
+        f"there, free at each line and for each hit ({force.size:.2g} N for each N of a hit), the gap of the "
+        f"{_which(found)} goes from {percent(before)} to {percent(after)}, and of FRFs put aside noise is left: "
+        f"{force.left:.2g} times its variance, and not {force.without:.3g} times. This is no name.",
+        "No spring, dashpot or mass there does so. Its law may depend on how far the plate moves: look for a contact "
+        "that rattles, a spring that hardens or a cable that rubs, and measure again with softer and with harder hits.",
+    ]
+    if found.others:
+        said.append(_alike(found))
+    return replace(found, sentences=tuple(said))
+
+
+def _which(found: FoundField) -> str:
+    """FRFs whose gap is told."""
+    return "fitted FRFs" if found.heldout_before is None else "FRFs that no fit saw"
+
+
+def _gaps_of(found: FoundField) -> tuple[float, float]:
+    """The gap that is told, before and after."""
+    if found.heldout_before is None or found.heldout_after is None:
+        return found.gap_before, found.gap_after
+    return found.heldout_before, found.heldout_after
+
+
+def _alike(found: FoundField) -> str:
+    """Places that are as good."""
+    places = " or ".join(f"x {x:.2f}, y {y:.2f}" for x, y in found.others)
+    return f"By the symmetry of the plate it may as well sit at {places}."
+
+
 def no_field(kind: str, part: float, before: float, after: float) -> str:
     """Why a field that predicts FRFs put aside is none: it does not take off their gap what it takes off their misfit.
 
@@ -102,14 +150,9 @@ def _sentences(found: FoundField, n_frf: tuple[int, int], less: float, target: F
     wide = [axis for axis, one in zip("xy", found.spread, strict=True) if one > target.settings.inferring.wide]
     if wide:
         where += f" and is spread along {' and '.join(wide)}: there it has no one place"
-    before, after = (
-        (found.gap_before, found.gap_after)
-        if found.heldout_before is None or found.heldout_after is None
-        else (found.heldout_before, found.heldout_after)
-    )
-    which = "fitted FRFs" if found.heldout_before is None else "FRFs that no fit saw"
+    before, after = _gaps_of(found)
     said = [
-        f"What is missing acts as {WORDS[found.kind]} ({size}); {where}. It takes the gap of the {which} from "
+        f"What is missing acts as {WORDS[found.kind]} ({size}); {where}. It takes the gap of the {_which(found)} from "
         f"{percent(before)} to {percent(after)}, and {percent(less)} off what was left of FRFs put aside, smoothed and "
         "sharp. This is no name."
     ]
@@ -122,8 +165,7 @@ def _sentences(found: FoundField, n_frf: tuple[int, int], less: float, target: F
         own = found.probability[found.kind]
         said.append(f"These data do not tell it ({own:.2f}) for sure from {' or '.join(rivals)}.")
     if found.others:
-        places = " or ".join(f"x {x:.2f}, y {y:.2f}" for x, y in found.others)
-        said.append(f"By the symmetry of the plate it may as well sit at {places}.")
+        said.append(_alike(found))
     n, n_aside = n_frf
     if n < target.settings.holding_out.few:
         said.append(

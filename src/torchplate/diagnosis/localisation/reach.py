@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.localisation.misfit import Misfit
@@ -60,7 +60,9 @@ class Reach:
             chain = effect.observe(self.model.mesh, chain, value[label], geometry)
         return chain
 
-    def _receptance(self, response: Tensor, reference: Tensor) -> Tensor:
+    def receptance(
+        self, response: Float[Tensor, "n_to 2"], reference: Float[Tensor, "n_from 2"]
+    ) -> Complex[Tensor, "n_frequency n_to n_from"]:
         """Between places, the chain's factors taken off."""
         read = self.model.frf(self.theta, self.frequency, response.tolist(), reference.tolist(), "receptance")
         return read / self._chain(response, reference).factor
@@ -74,7 +76,7 @@ class Reach:
 
     def _best(self, place: Float[Tensor, "n_place 2"]) -> tuple[Tensor, Tensor]:
         # Receptances are symmetric: the places as responses serve both ends, in one call.
-        ends = self._receptance(place, torch.cat([self.response, self.reference]))
+        ends = self.receptance(place, torch.cat([self.response, self.reference]))
         n = len(self.response)
         left, right = ends[..., :n], ends[..., n:]  # [line, place, channel]
         on_right = torch.einsum("lgk,ljk->lgj", right.conj(), self.weighted)
@@ -92,7 +94,7 @@ class Reach:
     def kinds(self, place: Float[Tensor, "n_place 2"]) -> list[tuple[dict[str, float], dict[str, float]]]:
         """At each place: what a spring, a dashpot, a mass alone and all three explain, and their sizes."""
         y, size = self.best(place)
-        own = self._receptance(place, place).diagonal(dim1=-2, dim2=-1)
+        own = self.receptance(place, place).diagonal(dim1=-2, dim2=-1)
         found = []
         for index in range(len(place)):
             parts, values = {}, {}
@@ -110,7 +112,7 @@ class Reach:
             offset = torch.tensor([-step, 0.0, step]).to(place)
             around = (place + torch.cartesian_prod(offset, offset)).clamp(0.0, 1.0)
             y, size = self.best(around)
-            own = self._receptance(around, around).diagonal(dim1=-2, dim2=-1)
+            own = self.receptance(around, around).diagonal(dim1=-2, dim2=-1)
             left = [
                 self._fitted(y[:, index], size[:, index], own[:, index], list(KINDS.values()))[0]
                 for index in range(len(around))

@@ -20,6 +20,11 @@ class FieldInference:
         support: likewise of its spring, in multiples of the plate's own scale D/A [-].
         least: of the plate's rigidity and mass is left anywhere [-]: less is a hole.
         bumps: single values that are tried at each node, in these standard deviations [-]: halved, doubled, and more.
+        n_force: nodes from which a force at one place is followed [-]: the best of them, and three in case its place
+            lies in a valley of another.
+        n_force_step: steps that it takes at most [-]: Gauss and Newton's, which double its digits near the end.
+        force_falls: part of what is left that a step has to promise, or it has arrived [-]: a hundredth of the
+            difference that a thousand numbers make out.
         n_bump: of them, the best so many are gone on from, beside no field [-].
         step: a value goes so many of these standard deviations in one step at most [-].
         own_step: a parameter of the model itself goes this part of its interval in one step at most [-]: about the
@@ -63,6 +68,9 @@ class FieldInference:
     support: float = 100.0
     least: float = 0.05
     bumps: tuple[float, ...] = (-2.0, 3.0, 10.0)
+    n_force: int = 4
+    n_force_step: int = 25
+    force_falls: float = 1e-5
     n_bump: int = 2
     step: float = 2.0
     own_step: float = 0.25

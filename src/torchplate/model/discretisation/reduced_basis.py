@@ -291,7 +291,9 @@ def shares_basis(model: PlateModel, one: Plan, other: Plan, n_mode: int) -> bool
         return False
     if not all(torch.equal(a.coupling, b.coupling) for a, b in zip(one.added, other.added, strict=True)):
         return False
-    if one.section.rigidity.shape != other.section.rigidity.shape or one.section.loss_factor is not None:
+    if one.section.loss_factor is not None or any(
+        getattr(one.section, name).shape != getattr(other.section, name).shape for name in ("rigidity", "areal_mass")
+    ):
         # One differs from place to place.
         return False
     if (found := factors(model.assembly, one, other)) is None:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from torchplate.diagnosis import Diagnosis, FoundField
+from torchplate.diagnosis import ONE_FORCE, Diagnosis, FoundField
 from torchplate.report.figures.plate_map import draw_channels, draw_plate
 from torchplate.report.figures.style import FOUND, INK, MUTED, NARROW, PAPER, SHADED, SHAPE, shade
 
@@ -19,6 +19,7 @@ QUANTITIES = {
     "support": ("springs to the ground, one a node [N/m]", 1.0),
 }
 """What the shades of each kind are, and what a value is times."""
+EXPLAINED = ("what one force there would explain of the misfit [%]", 100.0)
 
 
 def field_map(diagnosis: Diagnosis, field: FoundField, narrow: bool = False) -> Figure:
@@ -43,7 +44,7 @@ def field_map(diagnosis: Diagnosis, field: FoundField, narrow: bool = False) -> 
         size = (size[0], n * (size[1] - 1.5) + 1.5) if below else (9.0, 2.7 * ratio + 2.2)
     figure = Figure(figsize=size, layout="constrained")
     axes = list(figure.subplots(*((n, 1) if below else (1, n)), squeeze=False, sharex=True, sharey=True).flat)
-    label, factor = QUANTITIES[field.kind]
+    label, factor = _quantity(field)
     values = factor * np.array(field.values).reshape(n, field.n_y, field.n_x)
     top = float(np.abs(values).max()) or 1.0
     x, y = (np.linspace(0, side, n) for side, n in zip(sides, (field.n_x, field.n_y), strict=True))
@@ -86,13 +87,18 @@ def _marked(axis: Axes, diagnosis: Diagnosis, field: FoundField, sides: tuple[fl
     return handles
 
 
+def _quantity(field: FoundField) -> tuple[str, float]:
+    """What its shades are, and what a value is times."""
+    return EXPLAINED if field.form == ONE_FORCE else QUANTITIES[field.kind]
+
+
 def field_told(field: FoundField) -> str:
     """The same in words."""
     largest = max(range(len(field.values)), key=lambda k: abs(field.values[k]))
     part, node = divmod(largest, field.n_x * field.n_y)
     row, column = divmod(node, field.n_x)
     direction = f" ({field.directions[part]})" if field.directions else ""
-    label, factor = QUANTITIES[field.kind]
+    label, factor = _quantity(field)
     x, y = column / (field.n_x - 1), row / (field.n_y - 1)
     return (
         f"A field over the plate, {label}: the largest value, {factor * field.values[largest]:.3g}{direction}, is at "

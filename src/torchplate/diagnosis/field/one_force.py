@@ -1,0 +1,263 @@
+"""A force at one place, of whatever law: something is attached there that no effect describes.
+
+A rattling contact, a spring that hardens, a cable that rubs: whatever is attached at one place g pulls there with
+forces f_k(ω), one for each hit k, and the FRFs are
+
+    H_jk = H⁰_jk(θ) + α_jg(θ) f_k,
+
+exactly, however the force depends on the motion; α are the model's own receptances. With the f_k free at each line and
+eliminated by least squares (variable projection), place and θ together follow from what is left: a baseline that was
+bent by trying to explain the force by other means comes back. FRFs put aside choose: they are predicted from the others
+of their hit, with the error that f_k has from these.
+
+Sources: Golub and Pereyra, SIAM J. Numerical Analysis 10 (1973) 413, on variable projection; Kerschen, Worden, Vakakis
+and Golinval, Past, present and future of nonlinear system identification in structural dynamics, Mechanical Systems and
+Signal Processing 20 (2006) 505, section 5, on a nonlinear element as an unknown force at its place.
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Complex, Float
+from torch import Tensor
+
+from torchplate.diagnosis.field.grid import Grid
+from torchplate.diagnosis.judged import Fit
+from torchplate.diagnosis.localisation.misfit import Misfit
+from torchplate.diagnosis.localisation.reach import Reach
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.problem import Prior, Problem
+from torchplate.effects import ChannelSwap
+from torchplate.model import PlateModel
+from torchplate.search import least_squares
+
+
+class OneForce(NamedTuple):
+    """A force at one place that explains a measurement.
+
+    Attributes:
+        model: without it, in all dofs.
+        theta: the model's parameters beside it.
+        place: where it is, relative.
+        std: of the place, relative.
+        others: places that explain as much.
+        left: mean square of what is left of FRFs put aside, over what noise and nuisances make of it [-].
+        without: likewise without a force.
+        size: root mean square of the force over that of the hits [N/N].
+        map: part of the misfit that a force at each node of the grid would explain, along x first [-].
+    """
+
+    model: PlateModel
+    theta: Float[Tensor, " n_own"]
+    place: Float[Tensor, " 2"]
+    std: tuple[float, float]
+    others: tuple[tuple[float, float], ...]
+    left: float
+    without: float
+    size: float
+    map: tuple[float, ...]
+
+
+class _Seen(NamedTuple):
+    """What a force at places would have to do, in standard deviations.
+
+    Attributes:
+        off: what was measured less the model.
+        reach: what a unit of force at each place makes of each FRF.
+        predicted: what the model says, in the FRFs' unit.
+        inverse: one over the standard deviation; 0 where nothing was measured.
+    """
+
+    off: Complex[Tensor, "n_frequency n_response n_reference"]
+    reach: Complex[Tensor, "n_place n_frequency n_response n_reference"]
+    predicted: Complex[Tensor, "n_frequency n_response n_reference"]
+    inverse: Float[Tensor, "n_frequency n_response n_reference"]
+
+    def force(self, seen: Bool[Tensor, "n_response n_reference"]) -> tuple[Tensor, Tensor]:
+        """The best force at each place, line and hit, and the sum of squares that weighs it, from some FRFs."""
+        size = (self.reach.abs().square() * seen).sum(2)
+        return (self.reach.conj() * self.off * seen).sum(2) / size.clamp(min=1e-300), size
+
+    def left(self, seen: Bool[Tensor, "n_response n_reference"]) -> Tensor:
+        """What the best forces from some FRFs leave of all of them [n_place, n_frequency, n_response, n_reference]."""
+        return self.off - self.reach * self.force(seen)[0][:, :, None]
+
+    def told(
+        self, seen: Bool[Tensor, "n_response n_reference"]
+    ) -> Complex[Tensor, "n_frequency n_response n_reference"]:
+        """What the model says with the best force at the first place, in the FRFs' unit."""
+        more = self.reach[0] * self.force(seen)[0][0][:, None]
+        return self.predicted + torch.where(self.inverse > 0, more / self.inverse.clamp(min=1e-300), 0.0)
+
+
+class ForcedModel:
+    """A fitted model with a free force at a place.
+
+    Args:
+        builder: makes and evaluates models beside the evidence.
+        fit: of the model without a force.
+        prior: what is known of the model's own parameters beforehand.
+        seen: FRFs that the force is fitted to.
+        nuisances: whether they count beside the noise.
+    """
+
+    def __init__(
+        self,
+        builder: ModelBuilder,
+        fit: Fit,
+        prior: Prior,
+        seen: Bool[Tensor, "n_response n_reference"],
+        nuisances: bool = True,
+    ) -> None:
+        self.builder, self.target, self.seen, self.about = builder, builder.target, seen, fit.about
+        self.whole = builder.corrected(builder.adopt(fit.model), fit.theta).model
+        self.reduced = builder.reduced(self.whole, fit.theta[None], about=fit.about)
+        self.specimen = self.target.specimen(self.reduced, fit.theta, fit.about)
+        self.problem = Problem(builder, self.reduced, prior)
+        # Of the real and of the imaginary part.
+        self.std = self.target.variance.sqrt()
+        if nuisances:
+            self.std = (0.5 * self.target.marginal(self.reduced, fit.theta, fit.about).power()).sqrt()
+
+    def at(self, theta: Float[Tensor, " n_own"], place: Float[Tensor, "n_place 2"]) -> _Seen:
+        """What forces at places would have to do and could.
+
+        Args:
+            theta: the model's own parameters.
+            place: relative.
+        """
+        reach, predicted = self.reach(theta)
+        alpha = reach.receptance(reach.response, place).movedim(-1, 0)
+        return _Seen(reach.misfit.residual, alpha[..., None] * reach.weight, predicted, reach.misfit.inverse)
+
+    def reach(self, theta: Float[Tensor, " n_own"]) -> tuple[Reach, Tensor]:
+        """From forces at places to all channels, and what the model says without one.
+
+        Args:
+            theta: the model's own parameters.
+        """
+        predicted = self.builder.predict(self.specimen, theta)
+        misfit = Misfit.of(self.target.measurement, self.std, predicted)
+        misfit = misfit._replace(residual=self.target.off(predicted, self.about) * misfit.inverse)
+        return Reach(misfit, self.target.measurement, self.specimen, theta), predicted
+
+    def is_linear(self, theta: Float[Tensor, " n_own"], place: Float[Tensor, " 2"]) -> bool:
+        """Whether a spring, a dashpot and a mass there do as well: the catalogue has these.
+
+        A force that is free has two numbers more at each line of each hit. They have to earn ln n each of −2 ln L, n
+        the numbers that were measured (Schwarz, Annals of Statistics 6, 1978, 461).
+
+        Args:
+            theta: the model's own parameters.
+            place: relative.
+        """
+        reach, _ = self.reach(theta)
+        misfit = reach.misfit
+        linear = misfit.total - reach.kinds(place[None])[0][0]["place"] * misfit.excess
+        measured = misfit.inverse > 0
+        free = self.at(theta, place[None]).left(measured.any(0)).abs().square() * measured
+        return linear - float(free.sum()) < 2 * int(measured.any(1).sum()) * math.log(2 * int(measured.sum()))
+
+    def residual(self, position: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n_residual"]:
+        """What is left of the FRFs that are seen, and of what is known beforehand; the last two numbers are the place.
+
+        Args:
+            position: of the model's own parameters and of the place, on the unit cube.
+        """
+        rows = []
+        for one in position.reshape(-1, position.shape[-1]):
+            theta = self.whole.space.to_si(one[:-2])
+            left = self.at(theta, one[None, -2:]).left(self.seen)[0][:, self.seen]
+            rows.append(torch.cat([torch.view_as_real(left).flatten(), self.problem.told(theta)]))
+        return torch.stack(rows).unflatten(0, position.shape[:-1])
+
+    def misfits(self, theta: Float[Tensor, " n_own"], place: Float[Tensor, "n_place 2"]) -> Float[Tensor, " n_place"]:
+        """The sum of squares that the best forces at places leave of the FRFs that are seen."""
+        left = self.at(theta, place).left(self.seen)
+        return (left.abs().square() * self.seen).sum((1, 2, 3))
+
+
+def one_force(
+    builder: ModelBuilder, fit: Fit, prior: Prior, apart: Bool[Tensor, "n_response n_reference"], grid: Grid
+) -> OneForce | None:
+    """The force at one place beside which only noise and nuisances are left; None where there is none such.
+
+    One that follows from a spring, a dashpot and a mass is none: a candidate of the catalogue or a field is that.
+
+    Args:
+        builder: makes and evaluates models beside the evidence, FRFs put aside among it.
+        fit: of the model.
+        prior: what is known of its parameters beforehand.
+        apart: FRFs put aside.
+        grid: nodes at which a force is tried first.
+    """
+    target, base = builder.target, fit.model
+    settings = target.settings
+    seen = target.fitted & ~apart
+    # A hit whose force one FRF tells has none left to be predicted.
+    apart = apart & (seen.sum(0) > 0)
+    shape = target.measured.shape[1:]
+    swapped = any(isinstance(effect, ChannelSwap) for effect in base.effects.values())
+    if not bool(apart.any()) or int(seen.sum(0).max()) < 2 or swapped or target.gain_is_unknown:
+        return None
+    if target.measurement.kind == "transmissibility" or base.response is None or base.reference is None:
+        return None
+    if (len(base.response), len(base.reference)) != shape:
+        return None
+    model = ForcedModel(builder, fit, prior, seen)
+    own = base.space.to_cube(fit.theta).clamp(0.0, 1.0)
+    nodes = grid.place
+    begin = model.misfits(fit.theta, nodes).argsort()[: settings.inferring.n_force]
+    found = least_squares(
+        model.residual,
+        torch.cat([own.expand(len(begin), -1), nodes[begin]], dim=-1),
+        jacobian="forward",
+        n_iteration=settings.inferring.n_force_step,
+        objective_tolerance=settings.inferring.force_falls,
+    )
+    best = int(found.objective.argmin())
+    theta, place = base.space.to_si(found.position[best, :-2]), found.position[best, -2:]
+    there = model.at(theta, place[None])
+    # What noise leaves of an FRF that is predicted: its own, and that of the force from the others of its hit.
+    own_noise = (1 + there.reach[0].abs().square() / there.force(seen)[1][0][:, None].clamp(min=1e-300))[:, apart]
+    left = 0.5 * float((there.left(seen)[0][:, apart].abs().square() / own_noise).mean())
+    without = 0.5 * float(model.at(fit.theta, place[None]).off[:, apart].abs().square().mean())
+    tells = math.log(left) + float(own_noise.log().mean()) < math.log(without) + math.log(1 - settings.inferring.helps)
+    if not tells or left > settings.comparison.noise_limit or model.is_linear(theta, place):
+        return None
+    jacobian = found.jacobian[best]
+    covariance = torch.linalg.pinv(jacobian.mT @ jacobian, hermitian=True)
+    std = covariance.diagonal()[-2:].clamp(min=0).sqrt()
+    near = float(found.objective[best]) + math.log(settings.inferring.twin)
+    places = [place, *found.position[found.objective < near, -2:]]
+    least = 0.5 / (max(grid.n_x, grid.n_y) - 1)
+    others: list[Tensor] = []
+    for one in places[1:]:
+        if all(float((one - other).abs().max()) > least for other in (place, *others)):
+            others.append(one)
+    misfit = float(there.off[:, seen].abs().square().sum())
+    explained = (1 - model.misfits(theta, nodes) / misfit).clamp(min=0.0)
+    size = float(there.force(seen)[0].abs().square().mean().sqrt())
+    return OneForce(
+        model.whole, theta, place, _pair(std), tuple(map(_pair, others)), left, without, size, tuple(explained.tolist())
+    )
+
+
+def with_one_force(
+    builder: ModelBuilder, fit: Fit, found: OneForce
+) -> Complex[Tensor, "n_frequency n_response n_reference"]:
+    """FRFs with the force at all lines that were measured, from the fitted ones.
+
+    Args:
+        builder: makes and evaluates models beside the whole evidence.
+        fit: of the model without the force.
+        found: the force.
+    """
+    whole = builder.target.at_all_lines
+    model = ForcedModel(builder.against(whole), fit, {}, whole.fitted, nuisances=False)
+    return model.at(found.theta, found.place[None]).told(whole.fitted)
+
+
+def _pair(place: Tensor) -> tuple[float, float]:
+    return float(place[0]), float(place[1])

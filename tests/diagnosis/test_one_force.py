@@ -1,0 +1,133 @@
+"""A force at one place of whatever law: found to its place, and none where something else is missing."""
+
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from torchplate.diagnosis.field.grid import Grid
+from torchplate.diagnosis.field.infer import infer_field
+from torchplate.diagnosis.field.one_force import ForcedModel, one_force, with_one_force
+from torchplate.diagnosis.fit import fit
+from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.result import ONE_FORCE
+from torchplate.diagnosis.settings import SETTINGS
+from torchplate.diagnosis.target import FrfTarget
+from torchplate.measurement import Noise
+from torchplate.model import PlateModel, Searched
+
+BOX = {"plate.youngs_modulus": Searched(1.8e11, 2.3e11), "loss.stiffness_loss_factor": Searched(1e-3, 5e-2, True)}
+RESPONSE, REFERENCE = [3, 17, 7, 13], [9, 21]
+# Of the sides; no node is there.
+PLACE = (0.37, 0.81)
+
+
+def read(plate: PlateModel, kind: str) -> PlateModel:
+    """The plate with four sensors and two hits."""
+    return PlateModel(plate.mesh, plate.effects, plate.known_values, plate.searched, RESPONSE, REFERENCE, kind)
+
+
+def scene(lab, law, kind="accelerance", alike=False) -> SimpleNamespace:
+    """What is attached at the place pulls back by a stiffness for each hit and line [N/m]."""
+    true = read(lab.small_plate(), kind)
+    lines = lab.SMALL_LINES
+    power = {"receptance": 0, "accelerance": 2}[kind]
+    with torch.no_grad():
+        alpha = true.frf(lab.nobody, lines, [*RESPONSE, PLACE], [*REFERENCE, PLACE], "receptance")
+        own = alpha[:, -1:, -1]
+        pull = law(lines)[:, None] * (1 + (0.0 if alike else 0.6) * torch.arange(2))
+        force = -pull / (1 + pull * own) * alpha[:, -1, :2]
+        s = 2j * torch.pi * lines
+        frf = s[:, None, None] ** power * (alpha[:, :-1, :-1] + alpha[:, :-1, -1:] * force[:, None])
+        std = lab.true_std(frf, 0.01, "signal")
+        noise = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std))
+        unit = {"receptance": "m/N", "accelerance": "m/(N s²)"}[kind]
+        frfs = lab.measured(lines, frf + lab.noise_of(std, 4), RESPONSE, REFERENCE, kind=kind, unit=unit)
+        target = FrfTarget(frfs, noise, torch.zeros(4, 2, dtype=torch.bool))
+        target = target.with_mesh_error(torch.zeros_like(lines), 0.0, 10)
+        builder = ModelBuilder(read(lab.small_plate(BOX), kind), target, as_given=True)
+        start = torch.full((1, 2), 0.5, dtype=torch.float64)
+        fitted = fit(builder, builder.given, start, wide=False)
+    apart = torch.zeros(4, 2, dtype=torch.bool)
+    apart[1, 0] = True
+    return SimpleNamespace(builder=builder, fit=fitted, apart=apart, grid=Grid(7, 5, False))
+
+
+def found(one: SimpleNamespace):
+    with torch.no_grad():
+        return one_force(one.builder, one.fit, {}, one.apart, one.grid)
+
+
+@pytest.mark.parametrize("kind", ["accelerance", "receptance"])
+def test_its_place_is_found_whatever_its_law(lab, kind):
+    """A stiffness that grows with frequency and differs from hit to hit: no spring, dashpot or mass is that."""
+    one = scene(lab, lambda lines: 3e4 + 200.0 * lines, kind)
+    force = found(one)
+    assert force is not None
+    off = (force.place - torch.tensor(PLACE, dtype=torch.float64)).abs()
+    assert bool((off < 4 * torch.tensor(force.std) + 1e-3).all())
+    assert max(force.std) < 0.02
+    assert force.left < SETTINGS.comparison.noise_limit
+    assert force.without > 10 * force.left
+    # The model's own numbers come back beside it.
+    assert float(force.theta[0]) == pytest.approx(2.05e11, rel=2e-3)
+    assert abs(float(one.fit.theta[0]) / 2.05e11 - 1) > 5e-3
+    target = one.builder.target
+    with torch.no_grad():
+        assert float(target.gap(with_one_force(one.builder, one.fit, force))) < 0.02
+    nearest = int(torch.tensor(force.map).argmax())
+    assert float((one.grid.place[nearest] - force.place).abs().max()) < 0.2
+
+
+def test_something_else_is_no_force_at_a_place(lab):
+    """A plate that is softer everywhere in one direction; and noise alone."""
+    one = scene(lab, lambda lines: 0.0 * lines)
+    assert found(one) is None
+    grained = lab.Scene(hidden={"ratio": 1.5})
+    with torch.no_grad():
+        apart = torch.zeros(2, 3, dtype=torch.bool)
+        apart[0, 1] = True
+        assert one_force(grained.builder, grained.fit, {}, apart, Grid(7, 5, False)) is None
+
+
+def test_a_mass_on_a_spring_to_the_ground_is_left_to_the_catalogue(lab):
+    scene_of_mass = scene(lab, lambda lines: 3e4 - 0.05 * (2 * torch.pi * lines) ** 2, alike=True)
+    assert found(scene_of_mass) is None
+
+
+def test_one_response_says_nothing_of_the_force_of_a_hit(lab):
+    """Each hit is a record of its own then: whatever force there was, it explains it."""
+    one = scene(lab, lambda lines: 3e4 + 0.0 * lines)
+    one.builder = one.builder.against(one.builder.target.holding_out(torch.tensor([[False] * 2] + [[True] * 2] * 3)))
+    one.apart = torch.tensor([[True, False]] + [[False] * 2] * 3)
+    assert found(one) is None
+
+
+@torch.no_grad()
+def test_what_is_left_has_nothing_of_a_force_at_that_place(lab):
+    """Variable projection: any force there changes nothing of what is left."""
+    one = scene(lab, lambda lines: 3e4 + 0.0 * lines)
+    model = ForcedModel(one.builder, one.fit, {}, one.builder.target.fitted)
+    place = torch.tensor([PLACE], dtype=torch.float64)
+    seen = model.at(one.fit.theta, place)
+    pushed = seen._replace(off=seen.off + seen.reach[0] * (0.3 - 2j))
+    fitted = one.builder.target.fitted
+    assert torch.allclose(pushed.left(fitted), seen.left(fitted), atol=1e-8 * float(pushed.off.abs().max()))
+
+
+@pytest.mark.check
+def test_it_is_told_as_what_it_is_and_costs_no_fields(lab):
+    one = scene(lab, lambda lines: 3e4 + 200.0 * lines)
+    said: list[str] = []
+    inferred = infer_field(one.builder, one.fit, {}, said.append)
+    field = inferred.found
+    assert (field.kind, field.form, field.unit) == ("support", ONE_FORCE, "N/N")
+    assert not any("nodes" in line for line in said)
+    assert "Something is attached at x 0.3" in field.sentences[0]
+    assert field.gap_after < 0.1 * field.gap_before
+    assert field.to_dict()["probability"] == {"support": 1.0}
+    assert len(field.values) == field.n_x * field.n_y
+    # The model that is written has the numbers beside it, and no field.
+    assert not inferred.model.names
+    assert inferred.model.known_values["plate.youngs_modulus"] == pytest.approx(2.05e11, rel=2e-3)
+    assert "field" not in inferred.model.effects
