@@ -1,10 +1,12 @@
 """A force at one place of whatever law: found to its place, and none where something else is missing."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 import torch
 
+from torchplate.diagnosis import diagnose
 from torchplate.diagnosis.field.grid import Grid
 from torchplate.diagnosis.field.infer import infer_field
 from torchplate.diagnosis.field.one_force import ForcedModel, one_force, with_one_force
@@ -22,14 +24,16 @@ RESPONSE, REFERENCE = [3, 17, 7, 13], [9, 21]
 PLACE = (0.37, 0.81)
 
 
-def read(plate: PlateModel, kind: str) -> PlateModel:
+def read(plate: PlateModel, kind: str, refine: int = 1) -> PlateModel:
     """The plate with four sensors and two hits."""
-    return PlateModel(plate.mesh, plate.effects, plate.known_values, plate.searched, RESPONSE, REFERENCE, kind)
+    return PlateModel(
+        replace(plate.mesh, refine=refine), plate.effects, plate.known_values, plate.searched, RESPONSE, REFERENCE, kind
+    )
 
 
-def scene(lab, law, kind="accelerance", alike=False) -> SimpleNamespace:
+def scene(lab, law, kind="accelerance", alike=False, refine=1) -> SimpleNamespace:
     """What is attached at the place pulls back by a stiffness for each hit and line [N/m]."""
-    true = read(lab.small_plate(), kind)
+    true = read(lab.small_plate(), kind, refine)
     lines = lab.SMALL_LINES
     power = {"receptance": 0, "accelerance": 2}[kind]
     with torch.no_grad():
@@ -131,3 +135,16 @@ def test_it_is_told_as_what_it_is_and_costs_no_fields(lab):
     assert not inferred.model.names
     assert inferred.model.known_values["plate.youngs_modulus"] == pytest.approx(2.05e11, rel=2e-3)
     assert "field" not in inferred.model.effects
+
+
+@pytest.mark.check
+def test_what_a_force_accounts_for_is_not_named(lab):
+    """A spring to the ground was named, whatever was left beside it."""
+    one = scene(lab, lambda lines: 3e4 + 200.0 * lines, refine=8)
+    target = one.builder.target
+    answer = diagnose(one.builder.given, target.measurement, imperfections=target.imperfections)
+    assert answer.verdict == "unexplained"
+    assert not {effect.name for effect in answer.effects} - {"mesh_discretisation"}
+    assert answer.field.form == ONE_FORCE
+    assert answer.field.place == pytest.approx(PLACE, abs=5e-3)
+    assert answer.field.gap_after < 0.1 * answer.field.gap_before

@@ -2,10 +2,11 @@
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import torch
 
-from torchplate.diagnosis.field import with_field
+from torchplate.diagnosis.field import is_one_force, with_field
 from torchplate.diagnosis.holdout import held_out
 from torchplate.diagnosis.one_thread import one_thread
 from torchplate.diagnosis.result import Diagnosis
@@ -82,4 +83,8 @@ def diagnose(
     found = summarise(seen, time.monotonic() - began)
     if found.verdict in ("consistent", "explained") or is_explained(state.fit, selection.builder.target):
         return found
+    if state.named and is_one_force(selection.builder, selection.begun.fit, selection.prior, say):
+        say("  nothing of what was named is needed beside it")
+        state = selection.begun
+        found = summarise(replace(seen, final=state, unrefined=None), time.monotonic() - began)
     return with_field(found, selection.builder, state.fit, selection.prior, say)

@@ -107,15 +107,12 @@ def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[st
         prior: what is known of its parameters beforehand.
         say: is told what is being tried.
     """
-    settings, whole = builder.target.settings.inferring, builder.target
-    every = thinned(whole, settings.most_numbers, settings.least_lines)
+    if (force := _one_force(builder, fit, prior, say)) is not None:
+        return _of_one_force(builder, fit, force)
+    settings = builder.target.settings.inferring
+    every = thinned(builder.target, settings.most_numbers, settings.least_lines)
     target, apart = put_aside(every)
     grid = Grid.of(fit.model.mesh, settings)
-    say("a force at one place, of whatever law")
-    force = one_force(builder.against(every), fit, prior, apart, grid)
-    if force is not None:
-        say(f"  of FRFs put aside it leaves {force.left:.2g} times the variance of noise, of {force.without:.3g} times")
-        return _of_one_force(builder, fit, force, grid)
     say(f"a field without a name: {', '.join(KINDS)} at {grid.n_x} × {grid.n_y} nodes")
 
     def descent(kind: str, seen: FrfTarget) -> FieldDescent:
@@ -139,9 +136,32 @@ def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[st
     return _told(builder, fit, one, others, probability, less, (int(every.fitted.sum()), int(apart.sum())))
 
 
-def _of_one_force(builder: ModelBuilder, fit: Fit, force: OneForce, grid: Grid) -> Inferred:
+def is_one_force(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[str], None]) -> bool:
+    """Whether a force at one place accounts for all that a model leaves: then nothing else is to be named beside it.
+
+    Args:
+        builder: makes and evaluates models beside the evidence.
+        fit: of the model.
+        prior: what is known of its parameters beforehand.
+        say: is told what is being tried.
+    """
+    return _one_force(builder, fit, prior, say) is not None
+
+
+def _one_force(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[str], None]) -> OneForce | None:
+    settings = builder.target.settings.inferring
+    every = thinned(builder.target, settings.most_numbers, settings.least_lines)
+    say("a force at one place, of whatever law")
+    force = one_force(builder.against(every), fit, prior, put_aside(every)[1], Grid.of(fit.model.mesh, settings))
+    if force is not None:
+        say(f"  of FRFs put aside it leaves {force.left:.2g} times the variance of noise, of {force.without:.3g} times")
+    return force
+
+
+def _of_one_force(builder: ModelBuilder, fit: Fit, force: OneForce) -> Inferred:
     """What is attached at one place, on all lines."""
     gaps = _gaps(builder.target, at_all_lines(builder.target, fit), with_one_force(builder, fit, force))
+    grid = Grid.of(fit.model.mesh, builder.target.settings.inferring)
     return Inferred(as_one_force(force, grid, gaps), builder.finished(force.model, force.theta))
 
 
