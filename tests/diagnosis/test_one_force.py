@@ -24,35 +24,35 @@ RESPONSE, REFERENCE = [3, 17, 7, 13], [9, 21]
 PLACE = (0.37, 0.81)
 
 
-def read(plate: PlateModel, kind: str, refine: int = 1) -> PlateModel:
-    """The plate with four sensors and two hits."""
+def read(plate: PlateModel, kind: str, reference: list[int], refine: int = 1) -> PlateModel:
+    """The plate with four sensors and these hits."""
     return PlateModel(
-        replace(plate.mesh, refine=refine), plate.effects, plate.known_values, plate.searched, RESPONSE, REFERENCE, kind
+        replace(plate.mesh, refine=refine), plate.effects, plate.known_values, plate.searched, RESPONSE, reference, kind
     )
 
 
-def scene(lab, law, kind="accelerance", alike=False, refine=1) -> SimpleNamespace:
+def scene(lab, law, kind="accelerance", alike=False, refine=1, reference=REFERENCE) -> SimpleNamespace:
     """What is attached at the place pulls back by a stiffness for each hit and line [N/m]."""
-    true = read(lab.small_plate(), kind, refine)
+    true = read(lab.small_plate(), kind, reference, refine)
     lines = lab.SMALL_LINES
     power = {"receptance": 0, "accelerance": 2}[kind]
     with torch.no_grad():
-        alpha = true.frf(lab.nobody, lines, [*RESPONSE, PLACE], [*REFERENCE, PLACE], "receptance")
+        alpha = true.frf(lab.nobody, lines, [*RESPONSE, PLACE], [*reference, PLACE], "receptance")
         own = alpha[:, -1:, -1]
-        pull = law(lines)[:, None] * (1 + (0.0 if alike else 0.6) * torch.arange(2))
-        force = -pull / (1 + pull * own) * alpha[:, -1, :2]
+        pull = law(lines)[:, None] * (1 + (0.0 if alike else 0.6) * torch.arange(len(reference)))
+        force = -pull / (1 + pull * own) * alpha[:, -1, :-1]
         s = 2j * torch.pi * lines
         frf = s[:, None, None] ** power * (alpha[:, :-1, :-1] + alpha[:, :-1, -1:] * force[:, None])
         std = lab.true_std(frf, 0.01, "signal")
         noise = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std))
         unit = {"receptance": "m/N", "accelerance": "m/(N s²)"}[kind]
-        frfs = lab.measured(lines, frf + lab.noise_of(std, 4), RESPONSE, REFERENCE, kind=kind, unit=unit)
-        target = FrfTarget(frfs, noise, torch.zeros(4, 2, dtype=torch.bool))
+        frfs = lab.measured(lines, frf + lab.noise_of(std, 4), RESPONSE, reference, kind=kind, unit=unit)
+        target = FrfTarget(frfs, noise, torch.zeros(4, len(reference), dtype=torch.bool))
         target = target.with_mesh_error(torch.zeros_like(lines), 0.0, 10)
-        builder = ModelBuilder(read(lab.small_plate(BOX), kind), target, as_given=True)
+        builder = ModelBuilder(read(lab.small_plate(BOX), kind, reference), target, as_given=True)
         start = torch.full((1, 2), 0.5, dtype=torch.float64)
         fitted = fit(builder, builder.given, start, wide=False)
-    apart = torch.zeros(4, 2, dtype=torch.bool)
+    apart = torch.zeros(4, len(reference), dtype=torch.bool)
     apart[1, 0] = True
     return SimpleNamespace(builder=builder, fit=fitted, apart=apart, grid=Grid(7, 5, False))
 
@@ -94,6 +94,43 @@ def test_something_else_is_no_force_at_a_place(lab):
         assert one_force(grained.builder, grained.fit, {}, apart, Grid(7, 5, False)) is None
 
 
+@pytest.mark.parametrize("n_response", [4, 1])
+def test_what_is_linear_pulls_alike_in_all_hits_and_one_sensor_finds_it(lab, n_response):
+    """A cord with three resonances of its own in the band, lossy."""
+
+    def cord(lines):
+        return 2e4 / torch.tan((0.02 - 4e-4j) * (lines + 40.0))
+
+    one = scene(lab, cord, alike=True, reference=[9, 21, 1, 19, 12, 25][: 8 - n_response])
+    if n_response == 1:
+        seen = torch.zeros_like(one.apart)
+        seen[1] = True
+        one.builder = one.builder.against(one.builder.target.holding_out(~seen))
+        one.fit = fit(one.builder, one.builder.given, torch.full((1, 2), 0.5, dtype=torch.float64), wide=False)
+    force = found(one)
+    assert force is not None
+    assert force.alike
+    places = torch.tensor([force.place.tolist(), *force.others])
+    assert float((places - torch.tensor(PLACE)).abs().amax(-1).min()) < 0.01
+    assert float(force.theta[0]) == pytest.approx(2.05e11, rel=2e-3)
+
+
+def test_what_larger_errors_would_do_is_no_force(lab):
+    """Where noise and nuisances may be so many times what was said of them, these do as well."""
+    one = scene(lab, lambda lines: 3e4 + 200.0 * lines)
+    without = found(one).without
+    assert without > SETTINGS.comparison.size_limit**2
+    settings = replace(SETTINGS, comparison=replace(SETTINGS.comparison, size_limit=1.1 * without**0.5))
+    one.builder = one.builder.against(replace(one.builder.target, settings=settings))
+    assert found(one) is None
+
+
+def test_of_one_hit_nobody_says_that_it_is_linear(lab):
+    force = found(scene(lab, lambda lines: 2e4 / torch.tan((0.02 - 4e-4j) * (lines + 40.0)), reference=[9]))
+    assert force is not None
+    assert not force.alike
+
+
 def test_a_mass_on_a_spring_to_the_ground_is_left_to_the_catalogue(lab):
     scene_of_mass = scene(lab, lambda lines: 3e4 - 0.05 * (2 * torch.pi * lines) ** 2, alike=True)
     assert found(scene_of_mass) is None
@@ -107,11 +144,12 @@ def test_one_response_says_nothing_of_the_force_of_a_hit(lab):
     assert found(one) is None
 
 
+@pytest.mark.parametrize("alike", [True, False])
 @torch.no_grad()
-def test_what_is_left_has_nothing_of_a_force_at_that_place(lab):
+def test_what_is_left_has_nothing_of_a_force_at_that_place(lab, alike):
     """Variable projection: any force there changes nothing of what is left."""
     one = scene(lab, lambda lines: 3e4 + 0.0 * lines)
-    model = ForcedModel(one.builder, one.fit, {}, one.builder.target.fitted)
+    model = ForcedModel(one.builder, one.fit, {}, one.builder.target.fitted, alike)
     place = torch.tensor([PLACE], dtype=torch.float64)
     seen = model.at(one.fit.theta, place)
     pushed = seen._replace(off=seen.off + seen.reach[0] * (0.3 - 2j))

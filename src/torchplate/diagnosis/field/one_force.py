@@ -5,10 +5,11 @@ forces f_k(ω), one for each hit k, and the FRFs are
 
     H_jk = H⁰_jk(θ) + α_jg(θ) f_k,
 
-exactly, however the force depends on the motion; α are the model's own receptances. With the f_k free at each line and
+exactly, however the force depends on the motion; α are the model's own receptances. What is linear there, a cord or a
+device with dynamics of its own, pulls alike in all hits, f_k = α_gk y(ω). With y or the f_k free at each line and
 eliminated by least squares (variable projection), place and θ together follow from what is left: a baseline that was
-bent by trying to explain the force by other means comes back. FRFs put aside choose: they are predicted from the others
-of their hit, with the error that f_k has from these.
+bent by trying to explain the force by other means comes back. FRFs put aside choose: they are predicted from the
+others, of all hits or of their own, with the error that the force has from these.
 
 Sources: Golub and Pereyra, SIAM J. Numerical Analysis 10 (1973) 413, on variable projection; Kerschen, Worden, Vakakis
 and Golinval, Past, present and future of nonlinear system identification in structural dynamics, Mechanical Systems and
@@ -44,6 +45,7 @@ class OneForce(NamedTuple):
         others: places that explain as much.
         left: mean square of what is left of FRFs put aside, over what noise and nuisances make of it [-].
         without: likewise without a force.
+        alike: whether its law is the same in all hits.
         size: root mean square of the force over that of the hits [N/N].
         map: part of the misfit that a force at each node of the grid would explain, along x first [-].
     """
@@ -55,6 +57,7 @@ class OneForce(NamedTuple):
     others: tuple[tuple[float, float], ...]
     left: float
     without: float
+    alike: bool
     size: float
     map: tuple[float, ...]
 
@@ -64,30 +67,39 @@ class _Seen(NamedTuple):
 
     Attributes:
         off: what was measured less the model.
-        reach: what a unit of force at each place makes of each FRF.
+        reach: what a unit of force at each place makes of each FRF; of one alike in all hits, a unit of y.
+        hit: force for each unit.
+        alike: whether it is alike in all hits.
         predicted: what the model says, in the FRFs' unit.
         inverse: one over the standard deviation; 0 where nothing was measured.
     """
 
     off: Complex[Tensor, "n_frequency n_response n_reference"]
     reach: Complex[Tensor, "n_place n_frequency n_response n_reference"]
+    hit: Complex[Tensor, "n_place n_frequency 1 n_reference"]
+    alike: bool
     predicted: Complex[Tensor, "n_frequency n_response n_reference"]
     inverse: Float[Tensor, "n_frequency n_response n_reference"]
 
     def force(self, seen: Bool[Tensor, "n_response n_reference"]) -> tuple[Tensor, Tensor]:
-        """The best force at each place, line and hit, and the sum of squares that weighs it, from some FRFs."""
-        size = (self.reach.abs().square() * seen).sum(2)
-        return (self.reach.conj() * self.off * seen).sum(2) / size.clamp(min=1e-300), size
+        """The best units at each place, line and hit, and the sum of squares that weighs them, from some FRFs."""
+        over = (2, 3) if self.alike else (2,)
+        size = (self.reach.abs().square() * seen).sum(over, keepdim=True)
+        return (self.reach.conj() * self.off * seen).sum(over, keepdim=True) / size.clamp(min=1e-300), size
 
     def left(self, seen: Bool[Tensor, "n_response n_reference"]) -> Tensor:
         """What the best forces from some FRFs leave of all of them [n_place, n_frequency, n_response, n_reference]."""
-        return self.off - self.reach * self.force(seen)[0][:, :, None]
+        return self.off - self.reach * self.force(seen)[0]
+
+    def noise(self, seen: Bool[Tensor, "n_response n_reference"]) -> Tensor:
+        """Variance of each FRF about what the force at the first place predicts: its own noise and the force's."""
+        return 1 + self.reach[0].abs().square() / self.force(seen)[1][0].clamp(min=1e-300)
 
     def told(
         self, seen: Bool[Tensor, "n_response n_reference"]
     ) -> Complex[Tensor, "n_frequency n_response n_reference"]:
         """What the model says with the best force at the first place, in the FRFs' unit."""
-        more = self.reach[0] * self.force(seen)[0][0][:, None]
+        more = self.reach[0] * self.force(seen)[0][0]
         return self.predicted + torch.where(self.inverse > 0, more / self.inverse.clamp(min=1e-300), 0.0)
 
 
@@ -99,6 +111,7 @@ class ForcedModel:
         fit: of the model without a force.
         prior: what is known of the model's own parameters beforehand.
         seen: FRFs that the force is fitted to.
+        alike: whether its law is the same in all hits.
         nuisances: whether they count beside the noise.
     """
 
@@ -108,9 +121,11 @@ class ForcedModel:
         fit: Fit,
         prior: Prior,
         seen: Bool[Tensor, "n_response n_reference"],
+        alike: bool,
         nuisances: bool = True,
     ) -> None:
         self.builder, self.target, self.seen, self.about = builder, builder.target, seen, fit.about
+        self.alike = alike
         self.whole = builder.corrected(builder.adopt(fit.model), fit.theta).model
         self.reduced = builder.reduced(self.whole, fit.theta[None], about=fit.about)
         self.specimen = self.target.specimen(self.reduced, fit.theta, fit.about)
@@ -129,7 +144,11 @@ class ForcedModel:
         """
         reach, predicted = self.reach(theta)
         alpha = reach.receptance(reach.response, place).movedim(-1, 0)
-        return _Seen(reach.misfit.residual, alpha[..., None] * reach.weight, predicted, reach.misfit.inverse)
+        hit = alpha.new_ones(len(place), len(reach.s), 1, len(reach.reference))
+        if self.alike:
+            hit = reach.receptance(place, reach.reference).movedim(1, 0)[:, :, None]
+        unit = alpha[..., None] * reach.weight * hit
+        return _Seen(reach.misfit.residual, unit, hit, self.alike, predicted, reach.misfit.inverse)
 
     def reach(self, theta: Float[Tensor, " n_own"]) -> tuple[Reach, Tensor]:
         """From forces at places to all channels, and what the model says without one.
@@ -145,8 +164,8 @@ class ForcedModel:
     def is_linear(self, theta: Float[Tensor, " n_own"], place: Float[Tensor, " 2"]) -> bool:
         """Whether a spring, a dashpot and a mass there do as well: the catalogue has these.
 
-        A force that is free has two numbers more at each line of each hit. They have to earn ln n each of −2 ln L, n
-        the numbers that were measured (Schwarz, Annals of Statistics 6, 1978, 461).
+        A force that is free has two numbers more at each line, of each hit or of all alike. They have to earn ln n each
+        of −2 ln L, n the numbers that were measured (Schwarz, Annals of Statistics 6, 1978, 461).
 
         Args:
             theta: the model's own parameters.
@@ -157,7 +176,8 @@ class ForcedModel:
         linear = misfit.total - reach.kinds(place[None])[0][0]["place"] * misfit.excess
         measured = misfit.inverse > 0
         free = self.at(theta, place[None]).left(measured.any(0)).abs().square() * measured
-        return linear - float(free.sum()) < 2 * int(measured.any(1).sum()) * math.log(2 * int(measured.sum()))
+        n_free = measured.any(2).any(1) if self.alike else measured.any(1)
+        return linear - float(free.sum()) < 2 * int(n_free.sum()) * math.log(2 * int(measured.sum()))
 
     def residual(self, position: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n_residual"]:
         """What is left of the FRFs that are seen, and of what is known beforehand; the last two numbers are the place.
@@ -193,21 +213,34 @@ def one_force(
         grid: nodes at which a force is tried first.
     """
     target, base = builder.target, fit.model
-    settings = target.settings
-    seen = target.fitted & ~apart
-    # A hit whose force one FRF tells has none left to be predicted.
-    apart = apart & (seen.sum(0) > 0)
-    shape = target.measured.shape[1:]
     swapped = any(isinstance(effect, ChannelSwap) for effect in base.effects.values())
-    if not bool(apart.any()) or int(seen.sum(0).max()) < 2 or swapped or target.gain_is_unknown:
+    if swapped or target.gain_is_unknown or target.measurement.kind == "transmissibility":
         return None
-    if target.measurement.kind == "transmissibility" or base.response is None or base.reference is None:
+    if base.response is None or base.reference is None:
         return None
-    if (len(base.response), len(base.reference)) != shape:
+    if (len(base.response), len(base.reference)) != target.measured.shape[1:]:
         return None
-    model = ForcedModel(builder, fit, prior, seen)
-    own = base.space.to_cube(fit.theta).clamp(0.0, 1.0)
-    nodes = grid.place
+    seen = target.fitted & ~apart
+    # Of one hit nobody can say whether others would do alike.
+    for alike in (True, False) if int(seen.any(0).sum()) > 1 else (False,):
+        told = apart
+        if not alike:
+            # A hit of which one FRF at most is seen tells nothing of another.
+            told = apart & (seen.sum(0) > 0)
+        n_seen = int(seen.sum() if alike else seen.sum(0).max())
+        if n_seen > 1 and bool(told.any()):
+            found = _followed(ForcedModel(builder, fit, prior, seen, alike), fit, told, grid)
+            if found is not None:
+                return found
+    return None
+
+
+def _followed(
+    model: ForcedModel, fit: Fit, apart: Bool[Tensor, "n_response n_reference"], grid: Grid
+) -> OneForce | None:
+    """The place where the best nodes lead; None where more than noise is left, or what the catalogue has is as good."""
+    settings, space, seen = model.target.settings, model.whole.space, model.seen
+    own, nodes = space.to_cube(fit.theta).clamp(0.0, 1.0), grid.place
     begin = model.misfits(fit.theta, nodes).argsort()[: settings.inferring.n_force]
     found = least_squares(
         model.residual,
@@ -217,31 +250,39 @@ def one_force(
         objective_tolerance=settings.inferring.force_falls,
     )
     best = int(found.objective.argmin())
-    theta, place = base.space.to_si(found.position[best, :-2]), found.position[best, -2:]
+    theta, place = space.to_si(found.position[best, :-2]), found.position[best, -2:]
     there = model.at(theta, place[None])
-    # What noise leaves of an FRF that is predicted: its own, and that of the force from the others of its hit.
-    own_noise = (1 + there.reach[0].abs().square() / there.force(seen)[1][0][:, None].clamp(min=1e-300))[:, apart]
-    left = 0.5 * float((there.left(seen)[0][:, apart].abs().square() / own_noise).mean())
+    noise = there.noise(seen)[:, apart]
+    left = 0.5 * float((there.left(seen)[0][:, apart].abs().square() / noise).mean())
     without = 0.5 * float(model.at(fit.theta, place[None]).off[:, apart].abs().square().mean())
-    tells = math.log(left) + float(own_noise.log().mean()) < math.log(without) + math.log(1 - settings.inferring.helps)
-    if not tells or left > settings.comparison.noise_limit or model.is_linear(theta, place):
+    # As densities: a force that nothing tells predicts anything.
+    gain = math.log(max(without, 1e-300)) - math.log(max(left, 1e-300)) - float(noise.log().mean())
+    if gain < -math.log(1 - settings.inferring.helps) or left > settings.comparison.noise_limit:
+        return None
+    # Nuisances that are larger than they were said to be would do as well.
+    if without < settings.comparison.size_limit**2 or model.is_linear(theta, place):
         return None
     jacobian = found.jacobian[best]
-    covariance = torch.linalg.pinv(jacobian.mT @ jacobian, hermitian=True)
-    std = covariance.diagonal()[-2:].clamp(min=0).sqrt()
-    near = float(found.objective[best]) + math.log(settings.inferring.twin)
-    places = [place, *found.position[found.objective < near, -2:]]
-    least = 0.5 / (max(grid.n_x, grid.n_y) - 1)
-    others: list[Tensor] = []
-    for one in places[1:]:
-        if all(float((one - other).abs().max()) > least for other in (place, *others)):
-            others.append(one)
+    std = torch.linalg.pinv(jacobian.mT @ jacobian, hermitian=True).diagonal()[-2:].clamp(min=0).sqrt()
+    near = found.objective < float(found.objective[best]) + math.log(settings.inferring.twin)
+    others = _apart_from(place, found.position[near, -2:], 0.5 / (max(grid.n_x, grid.n_y) - 1))
     misfit = float(there.off[:, seen].abs().square().sum())
     explained = (1 - model.misfits(theta, nodes) / misfit).clamp(min=0.0)
-    size = float(there.force(seen)[0].abs().square().mean().sqrt())
+    size = float((there.force(seen)[0] * there.hit).abs().square().mean().sqrt())
     return OneForce(
-        model.whole, theta, place, _pair(std), tuple(map(_pair, others)), left, without, size, tuple(explained.tolist())
+        model.whole, theta, place, _pair(std), others, left, without, model.alike, size, tuple(explained.tolist())
     )
+
+
+def _apart_from(
+    place: Float[Tensor, " 2"], others: Float[Tensor, "n_other 2"], least: float
+) -> tuple[tuple[float, float], ...]:
+    """Those farther than that from a place and from one another."""
+    kept = [place]
+    for one in others:
+        if all(float((one - other).abs().max()) > least for other in kept):
+            kept.append(one)
+    return tuple(map(_pair, kept[1:]))
 
 
 def with_one_force(
@@ -255,7 +296,7 @@ def with_one_force(
         found: the force.
     """
     whole = builder.target.at_all_lines
-    model = ForcedModel(builder.against(whole), fit, {}, whole.fitted, nuisances=False)
+    model = ForcedModel(builder.against(whole), fit, {}, whole.fitted, found.alike, nuisances=False)
     return model.at(found.theta, found.place[None]).told(whole.fitted)
 
 
