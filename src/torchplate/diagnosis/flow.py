@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 
-from torchplate.diagnosis.field import is_one_force, with_field
+from torchplate.diagnosis.field import force_alone, with_field
 from torchplate.diagnosis.holdout import held_out
 from torchplate.diagnosis.one_thread import one_thread
 from torchplate.diagnosis.result import Diagnosis
@@ -83,8 +83,9 @@ def diagnose(
     found = summarise(seen, time.monotonic() - began)
     if found.verdict in ("consistent", "explained") or is_explained(state.fit, selection.builder.target):
         return found
-    if state.named and is_one_force(selection.builder, selection.begun.fit, selection.prior, say):
+    force = force_alone(selection.builder, selection.begun.fit, selection.prior, say) if state.named else None
+    if force is not None:
         say("  nothing of what was named is needed beside it")
         state = selection.begun
         found = summarise(replace(seen, final=state, unrefined=None), time.monotonic() - began)
-    return with_field(found, selection.builder, state.fit, selection.prior, say)
+    return with_field(found, selection.builder, state.fit, selection.prior, say, force)

@@ -12,6 +12,6 @@ A force at one place comes first; where it leaves more than noise, a field.
 - `told`: what was found, in words and numbers.
 """
 
-from torchplate.diagnosis.field.infer import infer_field, is_one_force, with_field
+from torchplate.diagnosis.field.infer import force_alone, infer_field, with_field
 
-__all__ = ["infer_field", "is_one_force", "with_field"]
+__all__ = ["force_alone", "infer_field", "with_field"]

@@ -75,7 +75,12 @@ class _Kind(NamedTuple):
 
 
 def with_field(
-    diagnosis: Diagnosis, builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[str], None]
+    diagnosis: Diagnosis,
+    builder: ModelBuilder,
+    fit: Fit,
+    prior: Prior,
+    say: Callable[[str], None],
+    force: OneForce | None = None,
 ) -> Diagnosis:
     """A diagnosis that leaves something unexplained, with the field that is missing; its verdict and names stay.
 
@@ -85,9 +90,10 @@ def with_field(
         fit: of the last model.
         prior: what is known of its parameters beforehand.
         say: is told what is being tried.
+        force: that is known to account for all of it.
     """
     began = time.monotonic()
-    inferred = infer_field(builder, fit, prior, say)
+    inferred = infer_field(builder, fit, prior, say, force)
     seconds, n_evaluation = diagnosis.seconds + time.monotonic() - began, builder.n_evaluation
     if inferred is None or isinstance(inferred, NoField):
         little = "No field of stiffness, mass, loss or support takes off more than a little of what is left."
@@ -98,7 +104,9 @@ def with_field(
 
 
 @torch.no_grad()
-def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[str], None]) -> Inferred | NoField | None:
+def infer_field(
+    builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[str], None], force: OneForce | None = None
+) -> Inferred | NoField | None:
     """The field that is missing in a model; None where none helps, and why where it does so only in part.
 
     Args:
@@ -106,8 +114,11 @@ def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[st
         fit: of the model.
         prior: what is known of its parameters beforehand.
         say: is told what is being tried.
+        force: that is known to account for all of it.
     """
-    if (force := _one_force(builder, fit, prior, say)) is not None:
+    if force is None:
+        force = force_alone(builder, fit, prior, say)
+    if force is not None:
         return _of_one_force(builder, fit, force)
     settings = builder.target.settings.inferring
     every = thinned(builder.target, settings.most_numbers, settings.least_lines)
@@ -136,8 +147,8 @@ def infer_field(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[st
     return _told(builder, fit, one, others, probability, less, (int(every.fitted.sum()), int(apart.sum())))
 
 
-def is_one_force(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[str], None]) -> bool:
-    """Whether a force at one place accounts for all that a model leaves: then nothing else is to be named beside it.
+def force_alone(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[str], None]) -> OneForce | None:
+    """The force at one place that accounts for all that a model leaves: then nothing else is to be named beside it.
 
     Args:
         builder: makes and evaluates models beside the evidence.
@@ -145,10 +156,6 @@ def is_one_force(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[s
         prior: what is known of its parameters beforehand.
         say: is told what is being tried.
     """
-    return _one_force(builder, fit, prior, say) is not None
-
-
-def _one_force(builder: ModelBuilder, fit: Fit, prior: Prior, say: Callable[[str], None]) -> OneForce | None:
     settings = builder.target.settings.inferring
     every = thinned(builder.target, settings.most_numbers, settings.least_lines)
     say("a force at one place, of whatever law")
