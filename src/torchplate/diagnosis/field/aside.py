@@ -8,7 +8,7 @@ level has one voice.
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from torchplate.diagnosis.field.descent import FieldDescent, Place, inflated
@@ -56,3 +56,18 @@ def put_aside(target: FrfTarget) -> tuple[FrfTarget, Bool[Tensor, "n_response n_
     if not bool(apart.any()):
         return target, target.fitted
     return target.holding_out(target.heldout | apart), apart
+
+
+def worth(target: FrfTarget, variance: Float[Tensor, "n_frequency n_response n_reference"]) -> float:
+    """Independent numbers that what is left of the fitted FRFs is worth.
+
+    All of them where it is noise, and no more than frequencies, dampings and deflections of the modes where it is not.
+
+    Args:
+        target: whose FRFs they are.
+        variance: that is expected of it, noise and all else.
+    """
+    n = 2.0 * len(target.frequency) * int(target.fitted.sum())
+    own = float((target.variance / variance)[:, target.fitted].mean())
+    n = 1 / (1 / n + target.settings.comparison.misspecified)
+    return 1 / (own / n + (1 - own) / min(n, target.n_modal))

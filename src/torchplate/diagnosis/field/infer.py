@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from torchplate.diagnosis.before_and_after import at_all_lines
-from torchplate.diagnosis.field.aside import Aside, put_aside
+from torchplate.diagnosis.field.aside import Aside, put_aside, worth
 from torchplate.diagnosis.field.descent import FieldDescent, Place, inflated, part_left, thinned
 from torchplate.diagnosis.field.field_model import FieldModel
 from torchplate.diagnosis.field.grid import Grid
@@ -142,7 +142,10 @@ def infer_field(
     say(f"  {kind}: {percent(less)} less is left of FRFs that were put aside, smoothed and sharp")
     if less < settings.helps:
         return None
-    probability = _probability({one.descent.model.kind: one.log_left for one in kinds}, _worth(aside.target, part))
+    probability = _probability(
+        {one.descent.model.kind: one.log_left for one in kinds},
+        worth(aside.target, inflated(aside.target, part).variance),
+    )
     one, others = _among_images(*_to_its_end(descent(kind, every), fit))
     return _told(builder, fit, one, others, probability, less, (int(every.fitted.sum()), int(apart.sum())))
 
@@ -207,15 +210,6 @@ def _to_its_end(descent: FieldDescent, fit: Fit) -> tuple[_Kind, Aside]:
     return _Kind(descent, place, place, aside.log_left(descent, place)), aside
 
 
-def _worth(target: FrfTarget, part: float) -> float:
-    """Independent numbers that what is left is worth."""
-    twin = inflated(target, part)
-    n = 2.0 * len(target.frequency) * int(target.fitted.sum())
-    own = (target.variance / twin.variance)[:, target.fitted].mean()
-    n = 1 / (1 / n + target.settings.comparison.misspecified)
-    return 1 / (float(own) / n + (1 - float(own)) / min(n, target.n_modal))
-
-
 def _probability(log_left: Mapping[str, float], n_eff: float) -> dict[str, float]:
     """Of each kind, from what it leaves."""
     least = min(log_left.values())
@@ -227,7 +221,7 @@ def _probability(log_left: Mapping[str, float], n_eff: float) -> dict[str, float
 def _among_images(one: _Kind, aside: Aside) -> tuple[_Kind, list[Tensor]]:
     """The best of a field and its mirror images, and the centres of those that are as good."""
     descent, settings = one.descent, one.descent.settings
-    near = 2 * math.log(settings.twin) / _worth(aside.target, aside.part)
+    near = 2 * math.log(settings.twin) / worth(aside.target, inflated(aside.target, aside.part).variance)
     found = [one]
     grid, nearest = descent.model.grid, one.nearest
     seen = [None] * 7 if nearest.seen is None else grid.images(nearest.seen)

@@ -23,6 +23,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from torchplate.diagnosis.field.aside import worth
 from torchplate.diagnosis.field.grid import Grid
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.localisation.misfit import Misfit
@@ -257,15 +258,26 @@ def _followed(
     without = 0.5 * float(model.at(fit.theta, place[None]).off[:, apart].abs().square().mean())
     # As densities: a force that nothing tells predicts anything.
     gain = math.log(max(without, 1e-300)) - math.log(max(left, 1e-300)) - float(noise.log().mean())
-    if gain < -math.log(1 - settings.inferring.helps) or left > settings.comparison.noise_limit:
+    # Of those that it was fitted to, beside the numbers that were free.
+    n_free = 1 if model.alike else int(seen.any(0).sum())
+    fitted = float(found.objective[best]) / (len(model.target.frequency) * max(1, int(seen.sum()) - n_free))
+    limit = settings.comparison.noise_limit
+    if gain < -math.log(1 - settings.inferring.helps) or max(left, fitted) > limit:
         return None
     # Nuisances that are larger than they were said to be would do as well.
     if without < settings.comparison.size_limit**2 or model.is_linear(theta, place):
         return None
+    # Nuisances are alike at neighbouring lines: what is left counts as fewer numbers than there are.
+    each = 2 * len(model.target.frequency) * int(model.target.fitted.sum()) / worth(model.target, model.std.square())
+    near = found.objective < float(found.objective[best]) + each * math.log(settings.inferring.twin)
+    least = 0.5 / (max(grid.n_x, grid.n_y) - 1)
+    others = _apart_from(place, found.position[near, -2:], least)
+    # A valley in which starts come to rest in several places is as wide as these are apart.
+    off = found.position[near, -2:] - place
+    valley = off[(off.abs() <= least).all(-1)].square().mean(0)
     jacobian = found.jacobian[best]
-    std = torch.linalg.pinv(jacobian.mT @ jacobian, hermitian=True).diagonal()[-2:].clamp(min=0).sqrt()
-    near = found.objective < float(found.objective[best]) + math.log(settings.inferring.twin)
-    others = _apart_from(place, found.position[near, -2:], 0.5 / (max(grid.n_x, grid.n_y) - 1))
+    variance = torch.linalg.pinv(jacobian.mT @ jacobian, hermitian=True).diagonal()[-2:].clamp(min=0)
+    std = (each * variance + valley).sqrt()
     misfit = float(there.off[:, seen].abs().square().sum())
     explained = (1 - model.misfits(theta, nodes) / misfit).clamp(min=0.0)
     size = float((there.force(seen)[0] * there.hit).abs().square().mean().sqrt())
