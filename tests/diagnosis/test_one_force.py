@@ -7,9 +7,11 @@ import pytest
 import torch
 
 from torchplate.diagnosis import diagnose
+from torchplate.diagnosis.field.aside import worth
+from torchplate.diagnosis.field.forced_model import ForcedModel
 from torchplate.diagnosis.field.grid import Grid
 from torchplate.diagnosis.field.infer import infer_field
-from torchplate.diagnosis.field.one_force import ForcedModel, one_force, with_one_force
+from torchplate.diagnosis.field.one_force import one_force, with_one_force
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import ONE_FORCE
@@ -123,6 +125,13 @@ def test_what_larger_errors_would_do_is_no_force(lab):
     settings = replace(SETTINGS, comparison=replace(SETTINGS.comparison, size_limit=1.1 * without**0.5))
     one.builder = one.builder.against(replace(one.builder.target, settings=settings))
     assert found(one) is None
+
+
+def test_a_place_is_less_sure_where_what_is_left_is_worth_fewer_numbers(lab, monkeypatch):
+    one = scene(lab, lambda lines: 3e4 + 200.0 * lines)
+    sure = found(one).std
+    monkeypatch.setattr("torchplate.diagnosis.field.one_force.worth", lambda target, _: worth(target, _) / 100)
+    assert max(found(one).std) > 5 * max(sure)
 
 
 def test_of_one_hit_nobody_says_that_it_is_linear(lab):
