@@ -4,9 +4,12 @@ import pytest
 import torch
 
 from torchplate.diagnosis import diagnose
+from torchplate.diagnosis.candidates.candidate import n_options
 from torchplate.diagnosis.candidates.catalogue import candidates, channels_of
 from torchplate.diagnosis.candidates.held_edges import PREFIX, held_again, held_edges, on_springs, standing_for
-from torchplate.diagnosis.selection.screen import _moved
+from torchplate.diagnosis.model_builder import with_candidate
+from torchplate.diagnosis.selection.screen import Scored, _moved
+from torchplate.diagnosis.selection.starts import without_rigid
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT
 from torchplate.model import PlateModel, Searched
@@ -86,6 +89,42 @@ def test_springs_of_a_simple_support_leave_its_slope_free():
 
 
 RESPONSE, REFERENCE = (40, 17), (20, 38)
+
+
+def a_clamp_that_may_give():
+    """A model whose clamp is held by springs, the candidate of its yielding, and what it promises."""
+    model = on_springs(by_noise())
+    every = candidates(model, model.space.to_si(torch.full((2,), 0.5).double()), channels_of(model))
+    (one,) = [one for one in every if one.replaces]
+    return model, every, Scored(one, "edge", model, 0.9, {}, NOTHING, NOTHING, NOTHING)
+
+
+@pytest.mark.parametrize("softened", [None, "stiffness", "rotational_stiffness"])
+def test_springs_that_are_rigid_wherever_a_fit_begins_stay_so(softened):
+    model, _, promise = a_clamp_that_may_give()
+    whole = with_candidate(model, "edge", promise.candidate)
+    start = torch.full((2, len(whole.names)), 0.999)
+    if softened is not None:
+        start[1, whole.names.index(f"edge.{softened}")] = 0.6
+    free, starts = without_rigid(model, promise, start)
+    # Where none has yielded there is nothing else to begin with.
+    kept = {"stiffness", "rotational_stiffness"} if softened is None else {softened}
+    assert free.candidate.searched.keys() == kept
+    less = with_candidate(model, "edge", free.candidate)
+    assert starts.shape == (2, len(less.names))
+    assert torch.equal(
+        less.space.to_si(starts[1]),
+        torch.stack([whole.space.to_si(start[1])[whole.names.index(name)] for name in less.names]),
+    )
+    held = {f"edge.{key}": promise.candidate.neutral[key] for key in promise.candidate.searched.keys() - kept}
+    assert held.items() <= less.known_values.items()
+
+
+def test_a_clamp_that_gives_is_as_probable_as_any_other_effect():
+    _, every, promise = a_clamp_that_may_give()
+    number = n_options(every)
+    assert number[promise.candidate.cause] == 1
+    assert number["edge_spring"] == 3
 
 
 def measured_accelerances(lab, truth, seed):

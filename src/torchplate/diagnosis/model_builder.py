@@ -322,8 +322,10 @@ def with_candidate(model: PlateModel, label: str, candidate: Candidate) -> Plate
     if candidate.replaces:
         model = _without(model, candidate.replaces)
     more = {f"{label}.{key}": interval for key, interval in candidate.searched.items()}
+    idle = {f"{label}.{key}": candidate.neutral[key] for key in candidate.idle}
     wider = model.searched | {name: beside for name, (_, beside) in candidate.widened.items()}
-    return model.replaced(effects={**model.effects, label: candidate.effect}, searched=wider | more)
+    effects = {**model.effects, label: candidate.effect}
+    return model.replaced(effects=effects, known=model.known_values | idle, searched=wider | more)
 
 
 def without_candidate(model: PlateModel, label: str, candidate: Candidate) -> PlateModel:

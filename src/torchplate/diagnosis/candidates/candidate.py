@@ -1,7 +1,8 @@
 """An effect that may be missing: with its options, what is looked for of it, and what to try."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -75,6 +76,11 @@ class Candidate:
         """Of the effect."""
         return self.effect.name
 
+    @property
+    def cause(self) -> str:
+        """What is as probable beforehand as any other: a clamp gives, whether or not springs hold a free edge, too."""
+        return "held edge" if self.replaces else self.name
+
     def in_detail(self) -> "Candidate":
         """The same with its details looked for, too."""
         neutral = {key: self.effect.parameters[key].neutral for key in self.detail}
@@ -114,6 +120,11 @@ class Candidate:
     def has_place(self) -> bool:
         """Whether it sits somewhere on the plate."""
         return {"x", "y"} <= self.searched.keys()
+
+
+def n_options(everyone: Sequence[Candidate]) -> dict[str, int]:
+    """Candidates of each cause."""
+    return dict(Counter(one.cause for one in everyone))
 
 
 def place_of(values: Mapping[str, float]) -> tuple[float, float] | None:

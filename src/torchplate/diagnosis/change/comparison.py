@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from torchplate.diagnosis.candidates.candidate import Candidate
+from torchplate.diagnosis.candidates.candidate import Candidate, n_options
 from torchplate.diagnosis.candidates.catalogue import candidates, channels_of
 from torchplate.diagnosis.candidates.channels import rearrangements
 from torchplate.diagnosis.change.after import After, Ended, Nuisances
@@ -289,7 +289,7 @@ class Comparing:
         for near in (*levels, *((None,) if wide else ())):
             for scored in screen(after.builder, one.reduced, theta, effects, {}, near):
                 change = Change(
-                    scored.candidate.name, scored.label, scored.candidate, n_option=n_option[scored.candidate.name]
+                    scored.candidate.name, scored.label, scored.candidate, n_option=n_option[scored.candidate.cause]
                 )
                 # At the wide levels more starts cost next to nothing, and one of them is near.
                 most = self.settings.n_start if near is not None else None
@@ -310,7 +310,7 @@ class Comparing:
         turned = rearrangements(channels, target.measured, state.fit.expected, weight)
         every = candidates(model, theta, channels, turned, self.numbers)
         kept = allowed(every, self.given)
-        n_option = {one.name: sum(other.name == one.name for other in kept) for one in kept}
+        n_option = n_options(kept)
         n_option |= {"channel_swap": turned.n_swap, "channel_polarity": turned.n_polarity}
         return kept, n_option
 

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
+from torchplate.diagnosis.candidates.candidate import n_options
 from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels
 from torchplate.diagnosis.change.changes import Change, allowed, n_names, parameters_that_moved
@@ -222,9 +223,9 @@ def _changes(tables: Tables, after: "PlateTest") -> list[Change]:
     theta = torch.tensor([tables.before[name] for name in model.names]).to(model.known)
     every = allowed(candidates(model, theta, Channels((), ()), None, after.tolerance.keys()), after.model)
     seen = [one for one in every if CATALOGUE[one.name].moves_natural_frequencies()]
-    n_option = {one.name: sum(other.name == one.name for other in seen) for one in seen}
+    n_option = n_options(seen)
     effects = {**tables.model.effects, **tables.after.effects}
-    found = [Change(one.name, _new_label(effects, one.name), one, n_option=n_option[one.name]) for one in seen]
+    found = [Change(one.name, _new_label(effects, one.name), one, n_option=n_option[one.cause]) for one in seen]
     values = {key: value for key, value in tables.before.items() if key in set(_numbers_of(tables))}
     moved = parameters_that_moved(model, (), values, after.tolerance.keys())
     return found + [one for one in moved if _is_seen(tables, one)]

@@ -1,14 +1,14 @@
 """The whole catalogue beside one model: score every effect, take the best ones down, refit what ends near the best."""
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import torch
 from jaxtyping import Complex
 from torch import Tensor
 
-from torchplate.diagnosis.candidates.candidate import Candidate
+from torchplate.diagnosis.candidates.candidate import Candidate, n_options
 from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels, Rearrangements, rearrangements
 from torchplate.diagnosis.fit import NOBODY, Beat, Begun, begin
@@ -33,7 +33,7 @@ from torchplate.diagnosis.selection.null import Draws, limits, once_in_a_hundred
 from torchplate.diagnosis.selection.refit import Refits
 from torchplate.diagnosis.selection.screen import Scored, new_label, screen, start_of
 from torchplate.diagnosis.selection.shortlist import best_of_each, contained, kept, looking_like, promising
-from torchplate.diagnosis.selection.starts import beside_what_was_told, spread_out
+from torchplate.diagnosis.selection.starts import beside_what_was_told, spread_out, without_rigid
 from torchplate.diagnosis.selection.trace import Ranked, State, chance_of
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.discrepancy import UNIFORM, Found
@@ -239,7 +239,7 @@ class Ranking:
         rearranged = self._rearranged(state)
         everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys(), self.measured)
         self.say(f"scoring {len(everyone)} candidates")
-        n_option = {one.name: sum(other.name == one.name for other in everyone) for one in everyone}
+        n_option = n_options(everyone)
         n_option |= {"channel_swap": rearranged.n_swap, "channel_polarity": rearranged.n_polarity}
         self.refits.n_option = n_option
         return base, everyone
@@ -310,7 +310,8 @@ class Ranking:
             key = f"{promise.candidate.name} {promise.candidate.options}"
             together.setdefault(key, (promise, []))[1].append(starts)
         found: list[Hypothesis] = []
-        for one, starts, begun in self._begun(state, together.values(), about):
+        every = [without_rigid(state.model, one, torch.cat(several)) for one, several in together.values()]
+        for one, starts, begun in self._begun(state, every, about):
             simpler = contained(one.candidate, {other.name for other in found})
             if any(is_noise(other.fit) for other in found if other.name in simpler):
                 # It leaves nothing for what is larger.
@@ -365,7 +366,7 @@ class Ranking:
         return Beat(way, cost, is_noise(best))
 
     def _begun(
-        self, state: State, ways: Iterable[tuple[Scored, list[Tensor]]], about: Found | None = None
+        self, state: State, every: list[tuple[Scored, Tensor]], about: Found | None = None
     ) -> Sequence[tuple[Scored, Tensor, Begun | None]]:
         """Candidates in the order in which they are refitted: those that others contain first, then the nearest.
 
@@ -373,8 +374,7 @@ class Ranking:
         where it is to be found with the parameters, at the end of the wide levels, and only those go on that stay near
         the best.
         """
-        every = [(one, torch.cat(several)) for one, several in ways]
-        every.sort(key=lambda pair: len(pair[0].candidate.effect.contains))
+        every = sorted(every, key=lambda pair: len(pair[0].candidate.effect.contains))
         settings, target = self.settings, self.builder.target
         about = about or known_section(state.fit)
         if len(every) < 2 or target.wandering == UNIFORM:

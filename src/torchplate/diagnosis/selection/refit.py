@@ -23,7 +23,7 @@ class Refits:
         builder: builds and evaluates the models.
         prior: what is known of the given model's parameters beforehand.
         say: is told how each ended.
-        n_option: choices of fixed options that an effect has; 1 where it is left out.
+        n_option: choices of fixed options that an effect has, by its cause; 1 where it is left out.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Refits:
         beat = NOBODY if about is None and not beat.sure else beat
         found = fit(self.builder, whole, starts, self.prior, False, hopeless, about, begun, beat)
         self.say(f"  {candidate.name}: misfit {found.reduced_misfit:.4g}, −2 ln L {found.cost:.1f}")
-        return Hypothesis(candidate, label, found, n_option=self.n_option.get(candidate.name, 1))
+        return Hypothesis(candidate, label, found, n_option=self.n_option.get(candidate.cause, 1))
 
     def from_trials(
         self, state: State, candidate: Candidate, theta: Tensor, hopeless: float = math.inf, beat: Beat = NOBODY

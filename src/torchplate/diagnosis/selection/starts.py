@@ -13,6 +13,7 @@ from torchplate.diagnosis.problem import Prior, Problem, widely
 from torchplate.diagnosis.selection.criterion import excessive, known_section
 from torchplate.diagnosis.selection.screen import Scored, start_of
 from torchplate.diagnosis.selection.trace import State
+from torchplate.diagnosis.settings import SETTINGS
 from torchplate.discrepancy import Found
 from torchplate.model import PlateModel
 
@@ -76,6 +77,33 @@ def beside_what_was_told(builder: ModelBuilder, prior: Prior, state: State) -> S
     end = widely(Problem(builder, plain, prior), starts)[0][0]
     of_fit = beside(target, plain, model.space.to_si(end), None)
     return replace(state, fit=judged_beside(builder, model, plain, prior, end, of_fit))
+
+
+def without_rigid(
+    model: PlateModel, promise: Scored, starts: Float[Tensor, "n_start n"]
+) -> tuple[Scored, Float[Tensor, "n_start _"]]:
+    """A held edge that may yield, without those of its springs that are rigid wherever it begins.
+
+    Whatever such a spring is, the FRFs stay as they are: its column of the Jacobian is rounding, by which a fit would
+    take it to an end of its interval that the basis does not know. Once the edge was found, it is tried with all.
+
+    Args:
+        model: without it.
+        promise: of the edge, or of anything else, which stays as it is.
+        starts: on the unit cube of the model with it.
+    """
+    candidate, softer = promise.candidate, SETTINGS.trials.softer
+    whole = with_candidate(model, promise.label, candidate)
+    theta = dict(zip(whole.names, whole.space.to_si(starts).unbind(-1), strict=True))
+    rigid = {
+        key
+        for key, held in candidate.neutral.items()
+        if candidate.replaces and held > 0 and bool((theta[f"{promise.label}.{key}"] > softer * held).all())
+    }
+    if not rigid or len(rigid) == len(candidate.searched):
+        return promise, starts
+    free = [name not in {f"{promise.label}.{key}" for key in rigid} for name in whole.names]
+    return promise._replace(candidate=candidate.without(rigid)), starts[:, free]
 
 
 def nearest(
