@@ -277,7 +277,7 @@ def test_what_stays_far_above_the_best_beside_the_axis_is_not_refitted(scene, mo
     monkeypatch.setattr(module, "UNIFORM", None)
     monkeypatch.setattr(module, "known_section", lambda _: None)
     ranking._far = set()
-    ways = [(one, [one.starts]) for one in found]
+    ways = [(one, one.starts) for one in found]
     went = ranking._begun(state, ways)
     # The nearest first; six times the best is near enough.
     assert [one.candidate.name for one, _, _ in went] == ["point_mass", "density"]

@@ -171,7 +171,6 @@ def test_every_effect_changes_natural_frequencies_as_its_slope_says(name):
             "plate",
             "support_spring",
             "support_asymmetry",
-            "cut_out",
             "thickness_field",
             "field",
             "grain_angle",

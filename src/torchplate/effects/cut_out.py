@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from torchplate.effects.effect import Check, Effect, Value
-from torchplate.effects.parameter import Parameter, unit_interval
+from torchplate.effects.parameter import Parameter, Prior, unit_interval
 from torchplate.plate import Mesh, Section
 
 # What is left of bending stiffness and mass where there is no plate: little enough not to be felt, and the mass so much
@@ -22,15 +22,14 @@ class CutOut(Effect):
     reaches an edge it is a notch. The part of an element inside is piecewise linear in all four numbers, so all have a
     gradient. On lines of the mesh the hole is exact but for what is left of it, a 1e-6 of the stiffness and a 1e-8 of
     the mass; between them an element that is cut is too stiff by its kind, as it still spans the cut: the hole is then
-    up to a fraction of an element too small. Where it is known, `mesh.cut` leaves the elements out. No
-    candidate of a search for what is missing: give it as searched where a hole is suspected.
+    up to a fraction of an element too small. Where it is known, `mesh.cut` leaves the elements out.
     """
 
     parameters = {
-        "x0": Parameter("-", "one corner along x, relative to the plate", unit_interval),
-        "y0": Parameter("-", "one corner along y, relative to the plate", unit_interval),
-        "x1": Parameter("-", "opposite corner along x, relative to the plate", unit_interval),
-        "y1": Parameter("-", "opposite corner along y, relative to the plate", unit_interval),
+        "x0": Parameter("-", "one corner along x, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
+        "y0": Parameter("-", "one corner along y, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
+        "x1": Parameter("-", "opposite corner along x, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
+        "y1": Parameter("-", "opposite corner along y, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
     }
     check = Check(1, "look at the plate: a hole, a notch, a missing corner")
     acts_on = frozenset({"section"})

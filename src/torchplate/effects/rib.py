@@ -30,9 +30,9 @@ class Rib(Effect):
     """
 
     parameters = {
-        "x0": Parameter("-", "one end along x, relative to the plate", unit_interval, prior=Prior(0.0, 0.6)),
+        "x0": Parameter("-", "one end along x, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
         "y0": Parameter("-", "one end along y, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
-        "x1": Parameter("-", "other end along x, relative to the plate", unit_interval, prior=Prior(0.4, 1.0)),
+        "x1": Parameter("-", "other end along x, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
         "y1": Parameter("-", "other end along y, relative to the plate", unit_interval, prior=Prior(0.0, 1.0)),
         "bending": Parameter(
             "N m²",

@@ -14,6 +14,8 @@ from torchplate.model import PlateModel, Searched
 
 # Effects that are no candidates: the plate itself, and what is settled before anything is named.
 NEVER = frozenset({"plate", "support_spring", "mesh_discretisation"})
+# Of a rectangle two opposite ones, of a line its ends.
+CORNERS = frozenset({"x0", "y0", "x1", "y1"})
 
 
 def nameable() -> list[str]:
@@ -100,7 +102,7 @@ class Candidate:
     @property
     def is_patch(self) -> bool:
         """Whether the plate bends or loses otherwise at a place: what a mesh leaves of its modes is another error."""
-        return self.has_place and "section" in self.effect.acts_on
+        return self.is_placed and "section" in self.effect.acts_on
 
     @property
     def usual(self) -> dict[str, tuple[float, float]]:
@@ -121,6 +123,21 @@ class Candidate:
         """Whether it sits somewhere on the plate."""
         return {"x", "y"} <= self.searched.keys()
 
+    @property
+    def is_hole(self) -> bool:
+        """Whether it is a rectangle without plate: its corners are all there is of it."""
+        return self.searched.keys() == CORNERS
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether it sits somewhere on the plate, or is a hole there."""
+        return self.has_place or self.is_hole
+
+    @property
+    def is_local(self) -> bool:
+        """Whether each member is at a place, or along a line, of its own, and one of them is asked for."""
+        return self.has_place or self.searched.keys() >= CORNERS
+
 
 def n_options(everyone: Sequence[Candidate]) -> dict[str, int]:
     """Candidates of each cause."""
@@ -128,7 +145,9 @@ def n_options(everyone: Sequence[Candidate]) -> dict[str, int]:
 
 
 def place_of(values: Mapping[str, float]) -> tuple[float, float] | None:
-    """Where a member of a candidate sits; None where it sits nowhere."""
+    """Where a member of a candidate sits, a hole by its middle; None where it sits nowhere."""
+    if values.keys() == CORNERS:
+        return 0.5 * (values["x0"] + values["x1"]), 0.5 * (values["y0"] + values["y1"])
     return (values["x"], values["y"]) if {"x", "y"} <= values.keys() else None
 
 

@@ -75,7 +75,8 @@ def candidates(
                     neutral[key] = value
                 if rigid is not None and (held := rigid.values[key]) > 0:
                     searched[key], neutral[key] = Searched(interval.low, held, True), held
-            far, near = trials(tried, neutral) if rigid is None else yielding(searched, neutral)
+            unit = {key: parameter.unit for key, parameter in free.items()}
+            far, near = trials(tried, neutral, unit) if rigid is None else yielding(searched, neutral)
             replaces = "" if rigid is None else rigid.label
             widened = _of_the_first(model, chosen) if relative else {}
             detail = {

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch.quasirandom import SobolEngine
 
-from torchplate.diagnosis.candidates.candidate import Candidate, Trial
+from torchplate.diagnosis.candidates.candidate import CORNERS, Candidate, Trial
 from torchplate.diagnosis.settings import SETTINGS
+from torchplate.effects import CATALOGUE
 from torchplate.model import Searched
 
 # Part of the way of a tangent: a step of finite differences. It moves a peak by about a thousandth of its width, of
@@ -16,8 +17,14 @@ from torchplate.model import Searched
 TINY = 1e-6
 
 
-def trials(searched: Mapping[str, Searched], neutral: Mapping[str, float]) -> tuple[list[Trial], list[Trial]]:
-    """Trials where peaks do not overlap, and trials where they do."""
+def trials(
+    searched: Mapping[str, Searched], neutral: Mapping[str, float], unit: Mapping[str, str]
+) -> tuple[list[Trial], list[Trial]]:
+    """Trials where peaks do not overlap, and trials where they do; `unit` of each of the parameters."""
+    if searched.keys() == CORNERS:
+        return _holes(), _holes()
+    if searched.keys() > CORNERS:
+        return _along_lines(searched, neutral, unit, tangent=False), _along_lines(searched, neutral, unit, tangent=True)
     tangents = _combined(searched, neutral, tangent=True)
     steps = _combined(searched, neutral, tangent=False)
     if not searched:
@@ -36,6 +43,12 @@ def spread_at(candidate: Candidate, x: float, y: float, count: int) -> list[dict
         y: along the side y [-].
         count: of members.
     """
+    if candidate.is_hole:
+        sizes = CATALOGUE["stiffness_loss"].parameters["size"].prior
+        assert sizes is not None
+        ratio = sizes.high / sizes.low
+        sides = sizes.low * ratio ** SobolEngine(2).draw(count, dtype=torch.float64)
+        return [_hole(x, y, *pair) for pair in sides.tolist()]
     own = [key for key in candidate.searched if key not in ("x", "y")]
     drawn = SobolEngine(len(own)).draw(count, dtype=torch.float64).tolist()
     return [
@@ -46,6 +59,52 @@ def spread_at(candidate: Candidate, x: float, y: float, count: int) -> list[dict
         }
         for row in drawn
     ]
+
+
+def _holes() -> list[Trial]:
+    """Rectangles without plate, as large as the patches that are tried; what one changes goes with its area."""
+    settings = SETTINGS.trials
+    every = itertools.product(settings.spread, settings.spread, settings.sizes)
+    return [Trial(_hole(x, y, size, size), settings.weakest, settings.believed[1]) for x, y, size in every]
+
+
+def _along_lines(
+    searched: Mapping[str, Searched], neutral: Mapping[str, float], unit: Mapping[str, str], tangent: bool
+) -> list[Trial]:
+    """What runs along a line, on lines along either side and on half of each: its stiffnesses together, or its mass."""
+    settings = SETTINGS.trials
+    first, middle, last = settings.spread[0], settings.spread[len(settings.spread) // 2], settings.spread[-1]
+    believed = settings.tangent / TINY if tangent else settings.believed[1]
+    nothing = {key: neutral[key] for key in searched if key in neutral}
+    step = {
+        key: _tangent(searched[key], rest) if tangent else _steps(searched[key], rest, at_place=True)[0]
+        for key, rest in nothing.items()
+    }
+    kinds = [{key: step[key] for key in step if unit[key] == kind} for kind in dict.fromkeys(unit[key] for key in step)]
+    found = []
+    for at, (begin, end) in itertools.product(settings.spread, ((first, last), (first, middle), (middle, last))):
+        for along, across in ("xy", "yx"):
+            line = {f"{along}0": begin, f"{along}1": end, f"{across}0": at, f"{across}1": at} | nothing
+            found += [Trial(line | kind, 0.0, believed, line if tangent else None) for kind in kinds]
+    return found
+
+
+def _hole(x: float, y: float, length_x: float, length_y: float) -> dict[str, float]:
+    """A rectangle about a place, as far as it is on the plate: one that reaches an edge is a notch."""
+    ends = ((x, length_x), (y, length_y))
+    (x0, x1), (y0, y1) = ((max(0.0, at - 0.5 * side), min(1.0, at + 0.5 * side)) for at, side in ends)
+    return {"x0": x0, "y0": y0, "x1": x1, "y1": y1}
+
+
+def as_large(hole: Mapping[str, float], area: float) -> dict[str, float]:
+    """A rectangle of so many times its area; a side on an edge of the plate stays there."""
+    found = dict(hole)
+    for axis in "xy":
+        low, high = hole[f"{axis}0"], hole[f"{axis}1"]
+        middle = 0.5 * (low + high) if low > 0 and high < 1 else low if low <= 0 else high
+        for end, value in (("0", low), ("1", high)):
+            found[axis + end] = min(max(middle + area**0.5 * (value - middle), 0.0), 1.0)
+    return found
 
 
 def _scale_free(interval: Searched, neutral: float | None, part: float) -> float:

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from torchplate.diagnosis.candidates.candidate import Candidate
-from torchplate.diagnosis.candidates.images import images
+from torchplate.diagnosis.candidates.candidate import Candidate, place_of
+from torchplate.diagnosis.candidates.images import images, stretched
 from torchplate.diagnosis.candidates.trials import spread_at
 from torchplate.diagnosis.fit import Beat
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
@@ -43,9 +43,8 @@ class Instead:
         much = best.fit.square <= self.settings.selecting.explains_much * state.fit.square
         if not best.fit.by_noise or not (much or is_noise(best.fit)):
             return []
-        values = best.fit.model.as_dict(best.fit.theta)
         theta = best.beside(state.model)
-        place = (values[f"{best.label}.x"], values[f"{best.label}.y"]) if best.candidate.has_place else None
+        place = place_of(best.own)
         ways = self._all_over(state, best, everyone, theta) if place is None else self._at(state, best, everyone, place)
         found, about = [best], best.fit.about
         for one, label, members in ways:
@@ -60,13 +59,15 @@ class Instead:
     def at_images(self, state: State, best: Hypothesis) -> list[Hypothesis]:
         """The best once more, from the mirror images of its place, and on a square from those turned by a right angle.
 
+        What runs along a line may be a part of what is there: it is begun along the whole of that, too.
+
         Args:
             state: without it.
             best: of the hypotheses.
         """
         whole = with_candidate(state.model, best.label, best.candidate)
         place = start_of(whole, best.beside(state.model), state.model, best.own, best.label)
-        starts = images(whole, place, best.label)
+        starts = torch.cat([images(whole, place, best.label), stretched(whole, place, best.label)])
         if not len(starts):
             return []
         limit, beat = self.settings.searching.hopeless * best.fit.square, Beat(best.fit.way, best.fit.cost)
@@ -84,7 +85,7 @@ class Instead:
         enough = is_noise(best.fit)
         found = []
         for one in everyone:
-            if not one.has_place or one.name == best.name:
+            if not one.is_placed or one.name == best.name:
                 continue
             if not enough or one.name in best.candidate.effect.contains:
                 some = [dict(own) for own in spread_at(one, *place, self.settings.searching.n_spread)]
@@ -103,7 +104,7 @@ class Instead:
             return []
         without = self.builder.reduced(state.fit.model, theta[None])
         without = self.builder.target.specimen(without, theta, best.fit.about)
-        alike = [one for one in everyone if not one.has_place and one.searched]
+        alike = [one for one in everyone if not one.is_placed and one.searched]
         scored = screen(self.builder, without, theta, alike, self.prior)
         own = max((one.drop for one in scored if one.candidate.name == best.name), default=0.0)
         found = []

@@ -18,6 +18,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate, Trial, distance, vector
+from torchplate.diagnosis.candidates.trials import as_large
 from torchplate.diagnosis.freed_memory import hand_back
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem
@@ -142,7 +143,7 @@ def screen(
                     changed, kept = changes.of(members[some], None if rests is None else rests[some]), some.tolist()
                     scores.append(products.of(changed))
                 score = Product(*(torch.cat(part) for part in zip(*scores, strict=True)))
-            if not candidate.has_place:
+            if not candidate.is_local:
                 if len(kept) < len(members):
                     changed = changes.of(members, rests)
                 freed = products.freed(changed)
@@ -161,13 +162,13 @@ def screen(
         if near is not None and candidate.searched:
             # From where the model is, too: with an effect more it cannot end farther off than without.
             starts = torch.cat([starts, start_of(model, theta, base, values[chosen[0]], label)[None]])
-        best, least = chosen[0], chosen[0] if candidate.has_place else int(score.size.argmin())
-        if candidate.has_place:
+        best, least = chosen[0], chosen[0] if candidate.is_local else int(score.size.argmin())
+        if candidate.is_local:
             # Of places, one is asked for: the others were not kept.
             change = changed[kept.index(best)] if best in kept else changes.of(members[[best]])[0]
             freed = products.freed(change[None])
-        signature = freed[0 if candidate.has_place else least] / score.size[least].sqrt()
-        together = candidate.searched and not candidate.has_place
+        signature = freed[0 if candidate.is_local else least] / score.size[least].sqrt()
+        together = candidate.searched and not candidate.is_local
         by_mesh = float(falls(freed, score.mesh[:, None])) if together else most_of_the_mesh(score)
         by_chance = residual.new_zeros(0)
         if draws is not None and candidate.searched:
@@ -270,7 +271,9 @@ def _spread(model: PlateModel, theta: Tensor, base: PlateModel) -> Tensor:
 
 
 def _moved(candidate: Candidate, values: dict[str, float], alpha: float) -> dict[str, float]:
-    """A member's values after `alpha` times its step from the neutral ones; places and sizes stay."""
+    """A member's values after `alpha` times its step from the neutral ones; places stay, and sizes but of holes."""
+    if candidate.is_hole:
+        return as_large(values, alpha)
     for key, value in values.items():
         interval, neutral = candidate.searched[key], candidate.neutral.get(key)
         if neutral is None:
