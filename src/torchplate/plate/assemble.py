@@ -172,6 +172,10 @@ class Assembly(nn.Module):
     ) -> Float[Tensor, "*batch n n"]:
         """Stiffness matrix K [N/m] from the rigidity of the elements [N m], and how it goes over each of them."""
         stiffness = self._bending(rigidity, uneven, geometry)
+        if self.unevenness is not None:
+            scale = Correction.measure(rigidity, geometry) / self.unevenness.rigidity
+            scale = torch.where(self.unevenness.goes_for(rigidity[..., 0, 0]), scale, 0.0)
+            stiffness = stiffness + scale[..., None, None] * self.unevenness.stiffness
         if self.correction is None:
             return stiffness
         scale = self.correction.scale(rigidity, geometry)
@@ -185,6 +189,9 @@ class Assembly(nn.Module):
     ) -> Float[Tensor, "*batch n n"]:
         """What the elements lose H [N/m], from their rigidity times their own loss factors [N m]."""
         lost = self._bending(lossy_rigidity, uneven, geometry)
+        if self.unevenness is not None:
+            scale = Correction.measure(lossy_rigidity, geometry) / self.unevenness.rigidity
+            lost = lost + scale[..., None, None] * self.unevenness.stiffness
         if self.correction is None:
             return lost
         scale, middle = self.correction.lost(lossy_rigidity, geometry)
@@ -201,10 +208,7 @@ class Assembly(nn.Module):
         stiffness = self._assemble(self.stiffness_coefficient(rigidity, geometry), self.pattern, slice(0, 6))
         if uneven is not None:
             stiffness = stiffness + self._apart(uneven, self._uneven_pattern(uneven))
-        if self.unevenness is None:
-            return stiffness
-        scale = Correction.measure(rigidity, geometry) / self.unevenness.rigidity
-        return stiffness + scale[..., None, None] * self.unevenness.stiffness
+        return stiffness
 
     def uneven_coefficient(
         self, section: Section, uneven: Float[Tensor, "*#batch n_element 4 n_power"] | None, geometry: Geometry
@@ -238,6 +242,7 @@ class Assembly(nn.Module):
         if self.unevenness is None:
             return mass
         scale = Unevenness.measure(areal_mass, geometry) / self.unevenness.heavy
+        scale = torch.where(self.unevenness.goes_for(areal_mass), scale, 0.0)
         return mass + scale[..., None, None] * self.unevenness.mass
 
     def rows(self, vector: Float[Tensor, "*batch n_row n_dof"]) -> Float[Tensor, "*batch n_row n"]:

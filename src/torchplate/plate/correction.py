@@ -2,10 +2,13 @@
 
 from typing import NamedTuple
 
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from torchplate.plate.section import Geometry
+
+# Rigidity or mass of an element over the mean below which there is a hole: patches that are searched keep a tenth.
+LEAST = 0.1
 
 
 class Correction(NamedTuple):
@@ -51,7 +54,8 @@ class Correction(NamedTuple):
 class Unevenness(NamedTuple):
     """What a plate that is not the same everywhere has beside a uniform one, in the coordinates of an assembly.
 
-    Other plates have it in proportion to their rigidity and to their mass.
+    Other plates have it in proportion to their rigidity and to their mass. One with a hole has none of it: what of it
+    would be inside is not known, and no part of a plate weighs less than nothing.
 
     Attributes:
         stiffness: more of it.
@@ -64,6 +68,11 @@ class Unevenness(NamedTuple):
     mass: Float[Tensor, "n n"]
     rigidity: Float[Tensor, ""]
     heavy: Float[Tensor, ""]
+
+    @staticmethod
+    def goes_for(of_elements: Float[Tensor, "*#batch n_element"]) -> Bool[Tensor, "*batch"]:
+        """Whether plates have it, by the rigidity or the mass of their elements: not those with a hole."""
+        return of_elements.amin(-1) >= LEAST * of_elements.mean(-1)
 
     @staticmethod
     def measure(areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry) -> Float[Tensor, "*batch"]:

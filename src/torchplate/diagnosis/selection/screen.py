@@ -27,6 +27,7 @@ from torchplate.diagnosis.selection.products import Product, Products, best_of_p
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.discrepancy import Marginal
 from torchplate.model import PlateModel
+from torchplate.model.discretisation.extrapolation import on_mesh
 from torchplate.search import JACOBIANS
 
 # Residuals of all members that are scored together: 8 MiB.
@@ -123,12 +124,16 @@ def screen(
         return base.space.to_si((position - step).clamp(0.0, 1.0))
 
     total = float(left.square().sum())
+    even = base if base.assembly.unevenness is None else on_mesh(base, base.assembly.uneven(None))
     found = []
     for candidate in everyone:
         label = new_label(base, candidate.name)
-        model = with_candidate(base, label, candidate)
+        # A plate with a hole is even elsewhere: what it changes is that beside one without.
+        around = even if candidate.is_hole else base
+        model = with_candidate(around, label, candidate)
         trials = candidate.near if near is not None else candidate.far
-        changes = _Changes(here, Problem(builder, model, prior, near), theta, plain, level)
+        before = plain if around is base else Problem(builder, even, prior, near).predict(theta, level)
+        changes = _Changes(here, Problem(builder, model, prior, near), theta, before, level)
         with torch.no_grad():
             exchanged = builder.target.rearranged(plain, base, candidate.effect, level)
             rests = _rests(model, theta, base, trials, label) if near is not None else None
