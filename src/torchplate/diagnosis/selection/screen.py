@@ -26,8 +26,7 @@ from torchplate.diagnosis.selection.null import Draws, falls
 from torchplate.diagnosis.selection.products import Product, Products, best_of_places, most_of_the_mesh
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.discrepancy import Marginal
-from torchplate.model import PlateModel
-from torchplate.model.discretisation.extrapolation import on_mesh
+from torchplate.model import PlateModel, on_mesh
 from torchplate.search import JACOBIANS
 
 # Residuals of all members that are scored together: 8 MiB.
