@@ -345,6 +345,19 @@ def test_beside_an_inflated_error_a_name_that_halves_what_is_left_where_peaks_ov
     assert worth_their_names(worse, scene.builder) is worse.previous
 
 
+@torch.no_grad()
+@pytest.mark.parametrize(("n_modal", "worth"), [(1e6, True), (8.0, False)])
+def test_beside_an_inflated_error_what_is_left_counts_per_degree_of_freedom(lab, n_modal, worth):
+    scene = lab.Scene(hidden={"gain": 1.5})
+    hypothesis = scene.hypothesis("sensor_gain")
+    far, less = (
+        lab.leaving(scene.fit, 1e6)._replace(left=left, by_noise=False, n_modal=n_modal) for left in (0.8, 0.39)
+    )
+    before = State(scene.state.model, far)
+    named = State(scene.state.model, less, (Naming(hypothesis, choose((hypothesis,), far), far),), before)
+    assert worth_their_names(named, scene.builder) is (named if worth else before)
+
+
 def test_either_frfs_or_a_table_are_needed(lab):
     one = NaturalFrequencies.from_mapping({4: 80.0})
     measured = lab.measured(LINES, torch.ones(len(LINES), 2, 3, dtype=torch.complex128), RESPONSE, REFERENCE)

@@ -37,7 +37,8 @@ def explains_much(state: State, builder: ModelBuilder) -> bool:
 
     It has to show in the gap. Beside an inflated model error, where squares say little, it has to halve what is left:
     the gap itself, or the gap where peaks overlap, since a sharp peak that is a width off counts as if it were not
-    there.
+    there. What is left counts per degree of freedom: p numbers that are fitted to what n numbers say of modes take
+    p / n of the squares by chance.
 
     Args:
         state: with it.
@@ -48,10 +49,13 @@ def explains_much(state: State, builder: ModelBuilder) -> bool:
     fit, before, settings = state.fit, state.previous.fit, builder.target.settings.selecting
     if fit.by_noise:
         return fit.square <= settings.explains_much * before.square and fit.left <= settings.shows * before.left
-    if fit.left <= settings.halved * before.left:
+    n_own = len(state.named[-1].hypothesis.candidate.searched) if state.named else 0
+    free = max(0.0, 1 - n_own / fit.n_modal)
+    most = free * settings.halved**2
+    if fit.left**2 <= most * before.left**2:
         return True
     overlapping, square = (where_peaks_overlap(builder, one) for one in (fit, before))
-    return overlapping <= settings.halved**2 * square
+    return overlapping <= most * square
 
 
 def where_peaks_overlap(builder: ModelBuilder, fit: Fit) -> float:
