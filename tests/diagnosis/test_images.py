@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchplate.diagnosis.candidates.images import images, stretched
+from torchplate.diagnosis.candidates.images import images
 from torchplate.effects import CATALOGUE
 from torchplate.model import PlateModel, Searched
 from torchplate.plate import Mesh
@@ -39,27 +39,3 @@ def test_both_ends_of_a_rib_turn_over_together():
 def test_what_sits_nowhere_has_no_images():
     one = model("density", (0.43, 0.3), value=Searched(7000.0, 8000.0))
     assert images(one, torch.tensor([0.3], dtype=torch.float64), "one").shape == (0, 1)
-
-
-@pytest.mark.parametrize(
-    ("part", "whole"),
-    [
-        ((0.3, 0.4, 0.5, 0.4), (0.0, 0.4, 1.0, 0.4)),
-        ((0.7, 0.9, 0.7, 0.5), (0.7, 1.0, 0.7, 0.0)),
-        ((0.2, 0.1, 0.4, 0.2), (0.0, 0.0, 1.0, 0.5)),
-    ],
-)
-def test_a_part_of_a_line_is_stretched_to_the_edges(part, whole):
-    keys = ("x0", "y0", "x1", "y1")
-    one = model("rib", (0.43, 0.3), **{key: Searched(0.0, 1.0) for key in keys}, bending=Searched(0.0, 9.0))
-    (found,) = stretched(one, torch.tensor([*part, 0.5], dtype=torch.float64), "one").tolist()
-    assert found == pytest.approx([*whole, 0.5], abs=1e-12)
-
-
-def test_what_has_no_line_is_not_stretched():
-    hole = model("cut_out", (0.43, 0.3), **{key: Searched(0.0, 1.0) for key in ("x0", "y0", "x1", "y1")})
-    assert not len(stretched(hole, torch.tensor([0.1, 0.2, 0.3, 0.4], dtype=torch.float64), "one"))
-    rib = model(
-        "rib", (0.43, 0.3), **{key: Searched(0.0, 1.0) for key in ("x0", "y0", "x1", "y1")}, bending=Searched(0.0, 9.0)
-    )
-    assert not len(stretched(rib, torch.full((5,), 0.3, dtype=torch.float64), "one"))

@@ -1,4 +1,4 @@
-"""Mirror images of what sits at a place, and the whole of a line of which a part was found.
+"""Mirror images of what sits at a place.
 
 A plate that is turned over has the same natural frequencies: beside supports and sensors that hardly move them, each
 image of a place is a minimum of its own, and only the sizes and signs of the peaks say which is right.
@@ -35,29 +35,3 @@ def images(model: PlateModel, place: Float[Tensor, " n"], label: str) -> Float[T
             image[across] = 1 - image[across] if over_y else image[across]
             found.append(image)
     return model.space.to_cube(torch.stack(found[1:])).clamp(0.0, 1.0)
-
-
-def stretched(model: PlateModel, place: Float[Tensor, " n"], label: str) -> Float[Tensor, "n_line n"]:
-    """One effect of a model along the whole of its line, from edge to edge of the plate; nothing where it has no line.
-
-    Args:
-        model: whose searched parameters these are.
-        place: of these, on the unit cube.
-        label: of the effect.
-    """
-    names = [f"{label}.{key}" for key in ("x0", "y0", "x1", "y1")]
-    own = {name for name in model.names if name.rpartition(".")[0] == label}
-    if not own > set(names):
-        return place.new_zeros(0, len(place))
-    index = [model.names.index(name) for name in names]
-    theta = model.space.to_si(place)
-    first, last = theta[index[:2]], theta[index[2:]]
-    way = last - first
-    # Multiples of the way at which it meets the edges.
-    ends = torch.stack([-first, 1 - first]) / torch.where(way.abs() < 1e-9, torch.nan, way)
-    back, ahead = ends.amin(0).nan_to_num(-torch.inf).amax(), ends.amax(0).nan_to_num(torch.inf).amin()
-    if not bool(torch.isfinite(torch.stack([back, ahead])).all()):
-        return place.new_zeros(0, len(place))
-    whole = theta.clone()
-    whole[index] = torch.cat([first + back * way, first + ahead * way]).clamp(0.0, 1.0)
-    return model.space.to_cube(whole)[None].clamp(0.0, 1.0)

@@ -46,9 +46,8 @@ def spread_at(candidate: Candidate, x: float, y: float, count: int) -> list[dict
     if candidate.is_hole:
         sizes = CATALOGUE["stiffness_loss"].parameters["size"].prior
         assert sizes is not None
-        ratio = sizes.high / sizes.low
-        sides = sizes.low * ratio ** SobolEngine(2).draw(count, dtype=torch.float64)
-        return [_hole(x, y, *pair) for pair in sides.tolist()]
+        parts = SobolEngine(2).draw(count, dtype=torch.float64).tolist()
+        return [_hole(x, y, *(_scale_free(sizes, None, part) for part in pair)) for pair in parts]
     own = [key for key in candidate.searched if key not in ("x", "y")]
     drawn = SobolEngine(len(own)).draw(count, dtype=torch.float64).tolist()
     return [
@@ -71,7 +70,10 @@ def _holes() -> list[Trial]:
 def _along_lines(
     searched: Mapping[str, Searched], neutral: Mapping[str, float], unit: Mapping[str, str], tangent: bool
 ) -> list[Trial]:
-    """What runs along a line, on lines along either side and on half of each: its stiffnesses together, or its mass."""
+    """What runs along a line, on lines along either side and on half of each: its stiffnesses together, or its mass.
+
+    On whole lines each of them alone, too.
+    """
     settings = SETTINGS.trials
     first, middle, last = settings.spread[0], settings.spread[len(settings.spread) // 2], settings.spread[-1]
     believed = settings.tangent / TINY if tangent else settings.believed[1]
@@ -81,11 +83,13 @@ def _along_lines(
         for key, rest in nothing.items()
     }
     kinds = [{key: step[key] for key in step if unit[key] == kind} for kind in dict.fromkeys(unit[key] for key in step)]
+    alone = [{key: step[key]} for kind in kinds if len(kind) > 1 for key in kind]
     found = []
     for at, (begin, end) in itertools.product(settings.spread, ((first, last), (first, middle), (middle, last))):
+        every = [*kinds, *alone] if (begin, end) == (first, last) else kinds
         for along, across in ("xy", "yx"):
             line = {f"{along}0": begin, f"{along}1": end, f"{across}0": at, f"{across}1": at} | nothing
-            found += [Trial(line | kind, 0.0, believed, line if tangent else None) for kind in kinds]
+            found += [Trial(line | kind, 0.0, believed, line if tangent else None) for kind in every]
     return found
 
 

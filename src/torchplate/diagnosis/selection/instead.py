@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from torchplate.diagnosis.candidates.candidate import Candidate, place_of
-from torchplate.diagnosis.candidates.images import images, stretched
+from torchplate.diagnosis.candidates.images import images
 from torchplate.diagnosis.candidates.trials import spread_at
 from torchplate.diagnosis.fit import Beat
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
@@ -59,15 +59,13 @@ class Instead:
     def at_images(self, state: State, best: Hypothesis) -> list[Hypothesis]:
         """The best once more, from the mirror images of its place, and on a square from those turned by a right angle.
 
-        What runs along a line may be a part of what is there: it is begun along the whole of that, too.
-
         Args:
             state: without it.
             best: of the hypotheses.
         """
         whole = with_candidate(state.model, best.label, best.candidate)
         place = start_of(whole, best.beside(state.model), state.model, best.own, best.label)
-        starts = torch.cat([images(whole, place, best.label), stretched(whole, place, best.label)])
+        starts = images(whole, place, best.label)
         if not len(starts):
             return []
         limit, beat = self.settings.searching.hopeless * best.fit.square, Beat(best.fit.way, best.fit.cost)

@@ -85,7 +85,8 @@ def without_rigid(
     """A held edge that may yield, without those of its springs that are rigid wherever it begins.
 
     Whatever such a spring is, the FRFs stay as they are: its column of the Jacobian is rounding, by which a fit would
-    take it to an end of its interval that the basis does not know. Once the edge was found, it is tried with all.
+    take it to an end of its interval that the basis does not know. Once the edge was found, and noise is all that is
+    left beside it, it is tried with all.
 
     Args:
         model: without it.
