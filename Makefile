@@ -50,7 +50,7 @@ test: $(VENV)/.test
 	$(BIN)/python -m pytest $(PARALLEL)
 
 # Where fits end differs from processor to processor: these hold on each.
-ROUNDING = $(foreach name,ranking tolerance exchange fit criterion channels null imperfect,tests/diagnosis/test_$(name).py) \
+ROUNDING = $(foreach name,ranking tolerance exchange fit criterion channels null imperfect holes,tests/diagnosis/test_$(name).py) \
   tests/diagnosis/test_change.py::test_what_drifts_is_integrated_about_where_it_went_however_sharp_the_peaks
 
 check: $(VENV)/.docs
