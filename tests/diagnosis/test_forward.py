@@ -16,7 +16,7 @@ from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import Fit, judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.selection import forward, ranking, settling
-from torchplate.diagnosis.selection.criterion import choose, known_section
+from torchplate.diagnosis.selection.criterion import choose, known_section, remaining
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.screen import Scored
@@ -324,6 +324,29 @@ def test_where_more_is_missing_a_name_has_to_take_a_part_of_what_is_left(lab, by
     before = State(scene.state.model, far)
     named = State(scene.state.model, less, (Naming(hypothesis, choose((hypothesis,), far), far),), before)
     assert worth_their_names(named, scene.builder) is (named if worth else before)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(("scatter", "shows"), [(4.6, True), (2.9, False)])
+def test_a_name_shows_in_what_nuisances_need_not_take_on_beside_it(lab, scatter, shows):
+    """Modes' dampings that scatter as they like leave no gap of a window that was not said."""
+    scene = lab.Scene(hidden={"gain": 1.5})
+    hypothesis = scene.hypothesis("sensor_gain")
+
+    def left(misfit, scatter):
+        one = lab.leaving(scene.fit, misfit * scene.fit.judged.n)._replace(left=0.044)
+        return one._replace(judged=one.judged._replace(scale={"grain": 3.2, "damping_scatter": scatter}))
+
+    far, less = left(3.0, scatter), left(1.2, 1.04)
+    before = State(scene.state.model, far)
+    naming = Naming(hypothesis, choose((hypothesis,), far), far)
+    named = State(scene.state.model, less, (naming,), before)
+    assert worth_their_names(named, scene.builder) is (named if shows else before)
+    # Of the misfit beyond noise a tenth is left, in squares.
+    assert remaining(far, less) == pytest.approx(0.1**0.5 if shows else 1.0, rel=0.03)
+    assert naming.confidence(less, explained=False) == pytest.approx(
+        naming.known.confidence * (1 - remaining(far, less)), abs=1e-9
+    )
 
 
 @torch.no_grad()

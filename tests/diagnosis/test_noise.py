@@ -177,6 +177,25 @@ def test_lines_that_stand_out_alone_are_no_resonances(lab):
     assert float((large - moved(found[0], 2e-4)).norm()) < 0.2 * float(large.norm())
 
 
+@pytest.mark.parametrize("loss", [1.5e-3, 8e-3])
+def test_a_line_that_stands_out_in_one_frf_is_noise_of_that_line(lab, loss):
+    """Something else was hit: no plate has such a peak, and no other line is less sure for it."""
+    frf = without_noise(lab, "oblong", loss, 1.0)
+    std = lab.true_std(frf, 0.01, "mixed")
+    clean, _ = measurement(lab, frf, std, 5)
+    out = [(70, 0), (171, 5), (304, 9)]
+    dirty = clean.frf.clone()
+    for line, one in out:
+        dirty[line, 0, one] += 40 * std[line, 0, one]
+    before, after = (noise_level(one) for one in (clean, dataclasses.replace(clean, frf=dirty)))
+    for line, one in out:
+        assert float(after.std[line, 0, one]) > 20 * float(std[line, 0, one])
+        after.std[line, 0, one] = before.std[line, 0, one]
+    # Resonances show in all FRFs, and stay as sure as they were, however narrow.
+    assert float((after.std / before.std).max()) < 1.15
+    assert float((before.std / std).max()) < 1.6
+
+
 @pytest.mark.check
 def test_beside_noise_of_heavy_tails_a_drift_moves_resonances_alone(lab):
     """Student's t of three degrees of freedom: lines beside a peak that it hit are worth a pole to the fit."""

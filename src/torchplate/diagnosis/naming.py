@@ -4,9 +4,11 @@ from collections.abc import Mapping, Sequence
 
 from torchplate.diagnosis.before_and_after import gap_left, left_beside_the_specimen
 from torchplate.diagnosis.estimates import estimates
+from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.remarks import sizes
 from torchplate.diagnosis.result import Estimate, Named
-from torchplate.diagnosis.selection.criterion import Hypothesis, is_explained
+from torchplate.diagnosis.selection.criterion import Hypothesis, excessive, is_explained
 from torchplate.diagnosis.selection.trace import Naming, State
 from torchplate.notation import percent
 
@@ -45,6 +47,7 @@ def as_named(builder: ModelBuilder, naming: Naming, last: State, gaps: tuple[flo
         takes = f"takes the gap {moved}, and {beside} beside the plate as it was found to wander"
     else:
         takes = f"takes the gap beside the plate as it was found to wander {beside}; that of a uniform one goes {moved}"
+    takes += _instead_of_nuisances(naming, last)
     text = f"{hypothesis.name} ({_values(parameters, hypothesis)}) {takes}{against}{alike}{_chance(naming)}."
     return Named(
         name=hypothesis.name,
@@ -68,13 +71,27 @@ def remark_on(name: str, effects: Sequence[Named], otherwise: str) -> str:
 
 def _beside_the_specimen(builder: ModelBuilder, naming: Naming, last: State) -> str | None:
     """What it takes beside the plate as it was found to wander, by which it is judged; None where that is uniform."""
-    after = [*(one.before for one in last.named[1:]), last.fit]
-    end = next(fit for one, fit in zip(last.named, after, strict=True) if one is naming)
-    begun, left = (left_beside_the_specimen(builder.target, one) for one in (naming.before, end))
+    begun, left = (left_beside_the_specimen(builder.target, one) for one in (naming.before, _end(naming, last)))
     if left is None:
         return None
     before = gap_left(builder.target, naming.before) if begun is None else begun
     return f"from {percent(before)} to {percent(left)}"
+
+
+def _end(naming: Naming, last: State) -> Fit:
+    """The fit with it, before what was named next."""
+    after = [*(one.before for one in last.named[1:]), last.fit]
+    return next(fit for one, fit in zip(last.named, after, strict=True) if one is naming)
+
+
+def _instead_of_nuisances(naming: Naming, last: State) -> str:
+    """Which nuisances need not be larger than tests have them with it: the gap does not show what they had taken on."""
+    before, end = naming.before, _end(naming, last)
+    if not (before.by_noise and end.by_noise):
+        return ""
+    needed, still = excessive(before), excessive(end)
+    gone = sizes(before, [name for name in needed if name not in still])
+    return f"; without it there would have to be {' and '.join(gone)}" if gone else ""
 
 
 def _chance(naming: Naming) -> str:

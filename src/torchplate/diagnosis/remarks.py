@@ -1,5 +1,7 @@
 """What is missing still, and what is remarked beside the verdict."""
 
+from collections.abc import Iterable
+
 from torch import Tensor
 
 from torchplate.diagnosis.before_and_after import gap_left, left_beside_the_specimen, location_of
@@ -77,13 +79,21 @@ def _frfs(labels: list[str]) -> str:
 
 def would_take(fit: Fit) -> tuple[str, ...]:
     """How large noise and nuisances would have to be to explain what is left."""
-    parts = [
-        f"{NUISANCES.get(name, name)} {_times(scale, fit.comparison.absurd)} times as large as was said"
-        for name, scale in excessive(fit).items()
-    ]
+    parts = sizes(fit, excessive(fit))
     if fit.judged.noise_scale**2 > fit.comparison.noise_limit:
         parts.append(f"noise {fit.judged.noise_scale:.1f} times as large as it was found to be")
     return (f"To explain it without any effect would take {', and '.join(parts)}.",) if parts else ()
+
+
+def sizes(fit: Fit, groups: Iterable[str]) -> list[str]:
+    """How large groups of nuisances were found to be.
+
+    Args:
+        fit: that needs them so.
+        groups: of nuisances.
+    """
+    scale, absurd = fit.judged.scale, fit.comparison.absurd
+    return [f"{NUISANCES.get(name, name)} {_times(scale[name], absurd)} times as large as was said" for name in groups]
 
 
 def _times(scale: float, absurd: float) -> str:

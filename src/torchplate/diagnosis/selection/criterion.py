@@ -237,6 +237,23 @@ def excessive(fit: Fit) -> dict[str, float]:
     return {name: scale for name, scale in fit.judged.scale.items() if scale > fit.comparison.size_limit}
 
 
+def remaining(before: Fit, after: Fit) -> float:
+    """What part of the gap is left, beside the specimens as they were found [-]; or of the misfit, if that is less.
+
+    The gap does not show what nuisances had taken on: where some had to be larger than tests have them, and need not
+    with what was added, the misfit beyond noise and nuisances counts.
+
+    Args:
+        before: the fit without what was added.
+        after: with it.
+    """
+    gap = after.left / max(before.left, 1e-300)
+    if not (before.by_noise and after.by_noise and excessive(before).keys() - excessive(after).keys()):
+        return gap
+    more, less = (max(0.0, one.reduced_misfit - 1) ** 0.5 for one in (before, after))
+    return min(gap, less / more) if more else gap
+
+
 def known_section(fit: Fit) -> Found | None:
     """How far the section wanders, where that is known: not where it has taken on something else.
 

@@ -117,7 +117,7 @@ class Ranking:
         base, everyone = self._catalogue_beside(here)
         self._far, self._ways = set(), ()
         promises: list[Scored] = []
-        chosen: list[tuple[Scored, Tensor]] = []
+        near, chosen = list[Scored](), list[tuple[Scored, Tensor]]()
         hypotheses: list[Hypothesis] = []
         by_chance, much = 0.0, False
         is_near = here.fit.left < screening.overlapping
@@ -158,7 +158,7 @@ class Ranking:
                 widely_scored, further = self._widely(told, base, everyone)
                 chosen += further
                 promises = promises or widely_scored
-        hypotheses += self._refitted(state, chosen, hypotheses)
+        hypotheses += self._refitted(state, chosen, hypotheses, first=next(iter(near), None))
         hypotheses = best_of_each(hypotheses + self._again(state, hypotheses))
         # Beside noise, effects that are not needed are a check and no more.
         if is_noise(state.fit) and not any(
@@ -302,8 +302,17 @@ class Ranking:
         chosen: Sequence[tuple[Scored, Tensor]],
         before: Sequence[Hypothesis] = (),
         about: Found | None = None,
+        first: Scored | None = None,
     ) -> list[Hypothesis]:
-        """Candidates refitted from all their starts; hopeless ones, beside the best, not to their end."""
+        """Candidates refitted from all their starts; hopeless ones, beside the best, not to their end.
+
+        Args:
+            state: without them.
+            chosen: candidates with their starts.
+            before: what was refitted already.
+            about: the specimen, where it is known.
+            first: the one of them that smoothed FRFs do not rule out.
+        """
         about = about or known_section(state.fit)
         together: dict[str, tuple[Scored, list[Tensor]]] = {}
         for promise, starts in chosen:
@@ -311,7 +320,7 @@ class Ranking:
             together.setdefault(key, (promise, []))[1].append(starts)
         found: list[Hypothesis] = []
         every = [without_rigid(state.model, one, torch.cat(several)) for one, several in together.values()]
-        for one, starts, begun in self._begun(state, every, about):
+        for one, starts, begun in self._begun(state, every, about, first):
             simpler = contained(one.candidate, {other.name for other in found})
             if any(is_noise(other.fit) for other in found if other.name in simpler):
                 # It leaves nothing for what is larger.
@@ -366,13 +375,18 @@ class Ranking:
         return Beat(way, cost, is_noise(best))
 
     def _begun(
-        self, state: State, every: list[tuple[Scored, Tensor]], about: Found | None = None
+        self,
+        state: State,
+        every: list[tuple[Scored, Tensor]],
+        about: Found | None = None,
+        first: Scored | None = None,
     ) -> Sequence[tuple[Scored, Tensor, Begun | None]]:
         """Candidates in the order in which they are refitted: those that others contain first, then the nearest.
 
         How near they are is seen where their starts lead first: beside a specimen that is known, at the sharp level;
         where it is to be found with the parameters, at the end of the wide levels, and only those go on that stay near
-        the best.
+        the best, and what promised most beside the specimen as it was found: smoothed FRFs say nearly nothing of a
+        damping where peaks lie elsewhere, too.
         """
         every = sorted(every, key=lambda pair: len(pair[0].candidate.effect.contains))
         settings, target = self.settings, self.builder.target
@@ -386,8 +400,8 @@ class Ranking:
         if about is None:
             least = sorted(begun.value for _, _, begun in found)
             most = max(settings.screening.near * least[0], least[settings.selecting.n_best - 1])
-            self._far |= {one.candidate.name for one, _, begun in found if begun.value > most}
-            found = [one for one in found if one[2].value <= most]
+            self._far |= {one.candidate.name for one, _, begun in found if begun.value > most and one is not first}
+            found = [one for one in found if one[2].value <= most or one[0] is first]
         return sorted(found, key=lambda one: (len(one[0].candidate.effect.contains), one[2].value))
 
     def _line_step(self, state: State) -> int:

@@ -10,7 +10,7 @@ from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
-from torchplate.diagnosis.selection.criterion import Choice, Hypothesis
+from torchplate.diagnosis.selection.criterion import Choice, Hypothesis, remaining
 from torchplate.diagnosis.selection.screen import Scored
 from torchplate.measurement import Noise
 from torchplate.model import PlateModel
@@ -64,13 +64,13 @@ class Naming:
         """Posterior probability of the set; of what the last model leaves unexplained it accounts for nothing.
 
         What is left is that beside the specimen as it was found: a uniform plate's gap says nothing of a name where
-        peaks are narrower than a section wanders.
+        peaks are narrower than a section wanders, nor does any gap of what nuisances had taken on.
 
         Args:
             final: the last model's fit.
             explained: whether that leaves nothing but noise and nuisances.
         """
-        share = 1.0 if explained else max(0.0, 1 - final.left / max(self.before.left, 1e-300))
+        share = 1.0 if explained else max(0.0, 1 - remaining(self.before, final))
         return self.known.confidence * share
 
 

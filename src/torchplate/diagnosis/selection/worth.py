@@ -2,7 +2,7 @@
 
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise, remaining
 from torchplate.diagnosis.selection.trace import State
 from torchplate.diagnosis.settings import Selecting
 
@@ -35,10 +35,10 @@ def explains_some(before: Fit, hypothesis: Hypothesis, settings: Selecting, by_c
 def explains_much(state: State, builder: ModelBuilder) -> bool:
     """Whether the last effect explains much, or all that was left; else it may stand in for something else.
 
-    It has to show in the gap. Beside an inflated model error, where squares say little, it has to halve what is left:
-    the gap itself, or the gap where peaks overlap, since a sharp peak that is a width off counts as if it were not
-    there. What is left counts per degree of freedom: p numbers that are fitted to what n numbers say of modes take
-    p / n of the squares by chance.
+    It has to show in the gap, or in what nuisances had to take on without it. Beside an inflated model error, where
+    squares say little, it has to halve what is left: the gap itself, or the gap where peaks overlap, since a sharp peak
+    that is a width off counts as if it were not there. What is left counts per degree of freedom: p numbers that are
+    fitted to what n numbers say of modes take p / n of the squares by chance.
 
     Args:
         state: with it.
@@ -48,7 +48,7 @@ def explains_much(state: State, builder: ModelBuilder) -> bool:
         return True
     fit, before, settings = state.fit, state.previous.fit, builder.target.settings.selecting
     if fit.by_noise:
-        return fit.square <= settings.explains_much * before.square and fit.left <= settings.shows * before.left
+        return fit.square <= settings.explains_much * before.square and remaining(before, fit) <= settings.shows
     n_own = len(state.named[-1].hypothesis.candidate.searched) if state.named else 0
     free = max(0.0, 1 - n_own / fit.n_modal)
     most = free * settings.halved**2

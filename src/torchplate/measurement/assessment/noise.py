@@ -19,13 +19,17 @@ import torch
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
-from torchplate.measurement.assessment.outliers import without_outliers
+from torchplate.measurement.assessment.outliers import lone_lines, without_outliers
 from torchplate.measurement.assessment.quality import line_noise, reciprocity
 from torchplate.measurement.assessment.rational_fit import N_LOCAL, RationalFit
 from torchplate.measurement.assessment.resonances import Resonances
 from torchplate.measurement.measurement import Measurement
 from torchplate.notation import counted, percent
 
+# Chance that a line of usual noise anywhere in a test passes for one that stands out.
+CHANCE: Final = 0.05
+# Part of the FRFs in which a line stands out if it is no resonance, which all show but those on its nodal lines [-].
+FEW: Final = 1 / 3
 # Fewer lines than this cannot part poles from noise; neighbours then have to do.
 LEAST_LINE: Final = 24
 # Power of the frequency by which a sensor's floor goes in the FRF's own kind, where it is flat in one of three motions.
@@ -194,6 +198,11 @@ def _from_smoothness(
     n_seen = int(sound.has_width.sum())
     n_alone = len(fit.pole) - n_seen
     alone = "" if not n_alone else f", {n_alone} lines that stand out alone"
+    out = 0.5 * (smooth - sound.smooth).abs().square() * scale.square()
+    of_lines = _of_lone_lines(out, variance, lone_lines(fit, sound))
+    variance = variance + of_lines
+    if n_noisy := int((of_lines > 0).sum()):
+        alone += f" (there {counted(n_noisy, 'number')} of single FRFs {'is' if n_noisy == 1 else 'are'} noise)"
     own = "" if not fit.n_own else f"; {fit.n_own} of {frf.shape[1]} FRFs have a noise of their own"
     said = (
         f"The noise is what {n_seen} resonances common to all FRFs{alone} and a smooth rest leave of "
@@ -208,6 +217,21 @@ def _from_smoothness(
         lambda other: fit.cost(2 * other / scale.square()),
         (_fractions(sound, scale), _fractions(fit, scale)),
     )
+
+
+def _of_lone_lines(
+    out: Float[Tensor, "n_line n_frf"], variance: Float[Tensor, "n_line n_frf"], lone: Bool[Tensor, " n_line"]
+) -> Float[Tensor, "n_line n_frf"]:
+    """Variance that lines have beside the others', where few FRFs stand out alone: no plate has a peak there.
+
+    Args:
+        out: half the squares of what stands out at a line or two alone.
+        variance: of the other lines.
+        lone: lines where something stands out alone.
+    """
+    stands = lone[:, None] & (out > variance * math.log(variance.numel() / CHANCE))
+    few = stands.double().mean(dim=1, keepdim=True) <= FEW
+    return torch.where(stands & few, out, 0.0)
 
 
 class _Second(NamedTuple):

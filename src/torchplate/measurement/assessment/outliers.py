@@ -66,6 +66,18 @@ def without_outliers(fit: RationalFit, variance: Float[Tensor, "n_line n_frf"]) 
     return found
 
 
+def lone_lines(fit: RationalFit, sound: RationalFit) -> Bool[Tensor, " n_line"]:
+    """The lines at which poles are highest that are no resonances.
+
+    Args:
+        fit: with all poles.
+        sound: without them.
+    """
+    found = torch.zeros(len(fit.frequency), dtype=torch.bool)
+    found[_highest(fit.pole[(fit.pole[:, None] != sound.pole).all(dim=1)], fit.frequency).flatten()] = True
+    return found
+
+
 def _by_chance(n_line: int, n_frf: int) -> float:
     """What other lines show of an outlier at most, wherever it stands: χ² of 2 n_frf degrees of freedom, halved."""
     from scipy.special import gammainccinv  # here: half of what importing this package takes
