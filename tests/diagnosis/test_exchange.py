@@ -76,6 +76,31 @@ def test_what_promises_most_beside_the_others_takes_the_place_of_a_name_that_not
 
 @torch.no_grad()
 @pytest.mark.check
+def test_what_an_absorber_becomes_is_tried_where_it_took_the_place_of_a_name(lab):
+    """A mass was never refitted beside the other name, and an absorber that nearly stays with the plate does."""
+    scene = lab.Scene(hidden={"gain": 1.1, "mass": 0.15})
+    gain = scene.hypothesis("sensor_gain")
+    model = with_candidate(scene.state.model, gain.label, gain.candidate)
+    beside = State(model, gain.fit, (Naming(gain, choose([gain], scene.fit), scene.fit),), scene.state)
+    candidate = scene.candidate("absorber")
+    whole = with_candidate(model, "absorber_1", candidate)
+    values = {"plate.youngs_modulus": 2.06e11, "loss.stiffness_loss_factor": 1e-2, "sensor_gain_1.gain": 1.1}
+    values |= {"absorber_1.x": lab.spot[0], "absorber_1.y": lab.spot[1], "absorber_1.mass": 0.148}
+    values |= {"absorber_1.stiffness": 0.9 * candidate.searched["stiffness"].high, "absorber_1.viscous_damping": 5.0}
+    start = whole.space.to_cube(torch.tensor([values[name] for name in whole.names], dtype=torch.float64))
+    absorber = Hypothesis(candidate, "absorber_1", fit(scene.builder, whole, start[None], wide=False))
+    assert absorber.fit.reduced_misfit < SETTINGS.selecting.doubtful
+    first = Naming(absorber, choose([absorber], scene.fit), scene.fit, (absorber,))
+    state = State(whole, absorber.fit, (first, replace(beside.named[0], before=absorber.fit)), beside)
+    said: list[str] = []
+    found = Exchange(scene.builder, scene.ranking, {}, said.append).judged_again(state)
+    assert [one.hypothesis.name for one in found.named] == ["point_mass", "sensor_gain"]
+    assert "point_mass in place of absorber" in said
+    assert found.model.as_dict(found.fit.theta)["point_mass_1.mass"] == pytest.approx(0.15, rel=0.05)
+
+
+@torch.no_grad()
+@pytest.mark.check
 @pytest.mark.parametrize("idle", [("loss_x",), ("loss_x", "loss_xy"), ()])
 def test_a_number_that_did_nothing_when_its_effect_was_named_is_asked_again_beside_the_others(lab, idle):
     """What else was missing then may have kept it there; and one that does nothing now is left out."""

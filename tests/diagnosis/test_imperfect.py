@@ -137,7 +137,7 @@ def test_candidates_are_scored_beside_the_plate_as_it_was_told(lab):
     assert {"thickness", "modulus"} <= excessive(baseline.fit).keys()
     here = beside_what_was_told(selection.builder, selection.prior, baseline)
     assert here.fit.about is None
-    base, everyone = selection.ranking._catalogue_beside(here)
+    base, everyone = selection.ranking.catalogue_beside(here)
     promised = screen(selection.builder, base, here.fit.theta, everyone, selection.prior)
     assert max(promised, key=lambda one: one.drop).candidate.name == "stiffness_loss"
     # Where it is no larger than plates have, it stays what it was.

@@ -66,11 +66,14 @@ class Rib(Effect):
         number = torch.arange(n + 1).to(ends)[:, None]
         station = first + number * piece * direction / sides
         cos, sin = direction.split(1, dim=-1)
-        along_x, along_y = (mesh.deflection_at(station, *order) / sides[i] for i, order in enumerate(((1, 0), (0, 1))))
-        deflection = mesh.deflection_at(station)
+        dof, (deflection, *slopes) = mesh.shapes_at(station, (0, 0), (1, 0), (0, 1))
+        along_x, along_y = (one / side for one, side in zip(slopes, sides, strict=True))
         slope, turn = cos * along_x + sin * along_y, cos * along_y - sin * along_x
-        bent, turned = slope.diff(dim=-2), turn.diff(dim=-2)
-        sheared = deflection.diff(dim=-2) / piece - 0.5 * (slope[..., :-1, :] + slope[..., 1:, :])
+        here, there = (
+            [one[..., index, :] for one in (deflection, slope, turn)] for index in (slice(-1), slice(1, None))
+        )
+        bent, turned = (torch.cat([-before, after], dim=-1) for before, after in zip(here[1:], there[1:], strict=True))
+        sheared = torch.cat([-here[0] / piece - 0.5 * here[1], there[0] / piece - 0.5 * there[1]], dim=-1)
         # The last piece counts as far as the rib goes, and one that ends inside a hole not at all.
         on_plate = (deflection != 0).any(-1)
         part = (length / piece - number[:-1]).clamp(0.0, 1.0)[..., 0] * on_plate[..., :-1] * on_plate[..., 1:]
@@ -83,9 +86,13 @@ class Rib(Effect):
         )
         nothing = torch.zeros_like(kinds[0])
         heavy = kinds[3].repeat_interleave(2, dim=-1)
-        moved = mesh.deflection_at(gauss.flatten(-3, -2))
+        moved_dof, (moved,) = mesh.shapes_at(gauss.flatten(-3, -2), (0, 0))
+        ends_dof = torch.cat([dof[..., :-1, :], dof[..., 1:, :]], dim=-1)
+        which = torch.cat([ends_dof, ends_dof, ends_dof, torch.cat([moved_dof, moved_dof], dim=-1)], dim=-2)
+        row = torch.cat([bent, sheared, turned, torch.nn.functional.pad(moved, (0, moved.shape[-1]))], dim=-2)
         return Local(
-            torch.cat([bent, sheared, turned, moved], dim=-2),
+            # Of the dofs of a mesh few move a piece.
+            row.new_zeros(*row.shape[:-1], mesh.n_dof).scatter_add(-1, which, row),
             mass=torch.cat([nothing, nothing, nothing, heavy], dim=-1),
             stiffness=torch.cat([*kinds[:3], nothing, nothing], dim=-1),
         )

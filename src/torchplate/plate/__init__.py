@@ -8,6 +8,7 @@
 - `correction`: what an assembly has beside its mesh (Correction, Unevenness).
 - `added_mass`: of a fluid around the plate, which couples the motion of all its parts (AddedMass).
 - `laminate`: elements that the edges of a patch cut, each as a whole; `patch`: how the bending goes over them.
+- `rows`: deflections at places as rows over the dofs, of which few see anything.
 - `assemble`: Section and Local to mass, stiffness and damping, in every dof or in a reduced basis.
 - `material`: what plates are usually made of; `wavelength`: bending waves, and the elements they need.
 - `power_law`: a loss factor that goes with a power of the frequency, and its modulus.

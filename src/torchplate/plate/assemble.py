@@ -17,6 +17,7 @@ from torchplate.plate import element
 from torchplate.plate.added_mass import AddedMass
 from torchplate.plate.correction import Correction, Unevenness
 from torchplate.plate.mesh import Mesh
+from torchplate.plate.rows import times
 from torchplate.plate.section import Geometry, Local, Proportional, Section, Sprung, System, concatenate
 from torchplate.plate.transforms import REMEMBERED, stays, transformed
 
@@ -259,7 +260,7 @@ class Assembly(nn.Module):
 
     def _rows(self, vector: Tensor) -> Tensor:
         if self.everywhere is not None:
-            return vector @ self.everywhere
+            return times(vector, self.everywhere)
         free = vector[..., self.free]
         if self.correction is not None:
             free = free + (free @ self.correction.shape.to(free)) @ self.correction.rows.to(free)

@@ -269,6 +269,23 @@ class Mesh:
         return {}
 
     def _deflection_at(self, place: Tensor, order_x: int, order_y: int) -> Tensor:
+        dof, (value,) = self.shapes_at(place, (order_x, order_y))
+        row = torch.zeros(*place.shape[:-1], self.n_dof, dtype=place.dtype, device=place.device)
+        return row.scatter(-1, dof, value)
+
+    def shapes_at(
+        self, place: Float[Tensor, "*batch n_point 2"], *orders: tuple[int, int]
+    ) -> tuple[Int[Tensor, "*batch n_point 12"], list[Float[Tensor, "*batch n_point 12"]]]:
+        """The dofs that move relative to places, and what each of them does there; see `deflection_at`.
+
+        Args:
+            place: (x/Lx, y/Ly) [-].
+            orders: of derivatives in x/Lx and y/Ly, one or more.
+
+        Returns:
+            The twelve dofs of each place's element; for each order the deflection there, or its derivative, of a unit
+            of each dof: zeros inside a hole.
+        """
         cells = torch.tensor(self.cells, dtype=place.dtype, device=place.device)
         position = place * cells
         # Differentiable in the place: only the number of the element is piecewise constant.
@@ -277,11 +294,11 @@ class Mesh:
         if self.kept is not None:
             corner, present = self._beside_holes(position.detach(), corner)
         number = (corner[..., 0] + self.cells[0] * corner[..., 1]).long()
-        value = element.shape_functions(position - corner, 1 / self.cells[0], 1 / self.cells[1], order_x, order_y)
+        within, sides = position - corner, (1 / self.cells[0], 1 / self.cells[1])
+        every = [element.shape_functions(within, *sides, *order) for order in orders]
         if present is not None:
-            value = torch.where(present[..., None], value, 0.0)
-        row = torch.zeros(*place.shape[:-1], self.n_dof, dtype=place.dtype, device=place.device)
-        return row.scatter(-1, self._dof_of_all.to(place.device)[number], value)
+            every = [torch.where(present[..., None], value, 0.0) for value in every]
+        return self._dof_of_all.to(place.device)[number], every
 
     def _beside_holes(self, position: Tensor, corner: Tensor) -> tuple[Tensor, Tensor]:
         """An element that is there for each place, that on the other side of its edge where need be; and whether."""

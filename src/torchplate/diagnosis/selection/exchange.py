@@ -75,6 +75,7 @@ class Exchange:
         others = [one for one in near if one.name not in {other.name for other in promised}]
         others = others[: max(0, self.settings.n_rival - len(promised))]
         every = [here, *promised, *(self._in_place_of(state, naming, one) for one in others)]
+        every += self._simpler(state, naming, choose(every, naming.before).best, every)
         choice = choose(every, naming.before)
         if choice.best.candidate.effect.to_ground:
             best = choice.best
@@ -107,6 +108,17 @@ class Exchange:
             fit=better.fit,
             named=(*state.named[:index], renamed, *later),
         )
+
+    def _simpler(self, state: State, naming: Naming, best: Hypothesis, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """What the best in place of a name contains and was not tried there, as a mass where an absorber was found."""
+        known = {one.name for one in tried} | {one.hypothesis.name for one in state.named}
+        names = {*best.candidate.effect.contains} - known
+        if not names:
+            return []
+        without = self._without(state, naming)
+        _, everyone = self.ranking.catalogue_beside(without)
+        asked = [one for one in everyone if one.name in names]
+        return self.ranking.instead.simpler(without, best, asked, self._beat(best.fit))
 
     def _in_its_numbers(self, state: State, naming: Naming) -> Hypothesis:
         """A named effect with those numbers that did nothing when it was named, and without those that do nothing now.

@@ -46,12 +46,36 @@ class Instead:
         theta = best.beside(state.model)
         place = place_of(best.own)
         ways = self._all_over(state, best, everyone, theta) if place is None else self._at(state, best, everyone, place)
-        found, about = [best], best.fit.about
+        return self._refitted(state, best, ways, beat)
+
+    def simpler(self, state: State, best: Hypothesis, everyone: Sequence[Candidate], beat: Beat) -> list[Hypothesis]:
+        """What the best becomes at an end of its numbers, refitted at its place.
+
+        Args:
+            state: without it.
+            best: of the hypotheses.
+            everyone: the candidates that are asked, of which only those count that it contains.
+            beat: what a fit has to come near for being followed to its end.
+        """
+        place, contained = place_of(best.own), best.candidate.effect.contains
+        if place is None or not best.fit.by_noise:
+            return []
+        some = [one for one in everyone if one.name in contained]
+        return self._refitted(state, best, self._at(state, best, some, place), beat)
+
+    def _refitted(
+        self,
+        state: State,
+        best: Hypothesis,
+        ways: Sequence[tuple[Candidate, str, list[dict[str, float]]]],
+        beat: Beat,
+    ) -> list[Hypothesis]:
+        theta, found, about = best.beside(state.model), [best], best.fit.about
         for one, label, members in ways:
             whole = with_candidate(state.model, label, one)
             starts = torch.stack([start_of(whole, theta, state.model, own, label) for own in members])
             # What takes the place of one all over the plate moves the others, as a thickness a modulus, by many widths.
-            starts = nearest(self.builder, self.prior, whole, starts, about, down=place is None)
+            starts = nearest(self.builder, self.prior, whole, starts, about, down=place_of(best.own) is None)
             limit = self.settings.searching.hopeless * min(other.fit.square for other in found)
             found.append(self.refits.refit(state, one, label, starts, limit, about, beat=beat))
         return found[1:]

@@ -81,7 +81,7 @@ class Ranking:
         """
         model = self.builder.corrected(fine.fit.model, fine.fit.theta).model
         state = replace(fine, fit=fine.fit._replace(model=model))
-        base, everyone = self._catalogue_beside(state)
+        base, everyone = self._scoring_beside(state)
         promises, by_chance = self._nearby(state, base, everyone, by_mesh, fine.fit.expected)
         found = Ranked(tuple(promises), (), by_chance, square=fine.fit.square)
         if found.square and (most := found.most_beyond):
@@ -96,7 +96,7 @@ class Ranking:
         Args:
             state: beside which.
         """
-        base, everyone = self._catalogue_beside(state)
+        base, everyone = self._scoring_beside(state)
         if state.fit.left < self.settings.screening.overlapping:
             scored, _ = self._nearby(state, base, everyone)
         else:
@@ -114,7 +114,7 @@ class Ranking:
         # Dampings move no peak, and beside those that took it on what is missing promises nothing.
         still = told is not state and known_section(state.fit) is not None
         here = state if misfit <= selecting.doubtful and not still else told
-        base, everyone = self._catalogue_beside(here)
+        base, everyone = self._scoring_beside(here)
         self._far, self._ways = set(), ()
         promises: list[Scored] = []
         near, chosen = list[Scored](), list[tuple[Scored, Tensor]]()
@@ -154,7 +154,7 @@ class Ranking:
                 hypotheses, chosen = hypotheses + self._refitted(state, chosen, hypotheses), []
             if not self._near_enough(state, told, here, promises, hypotheses):
                 if told is not here:
-                    base, everyone = self._catalogue_beside(told)
+                    base, everyone = self._scoring_beside(told)
                 widely_scored, further = self._widely(told, base, everyone)
                 chosen += further
                 promises = promises or widely_scored
@@ -232,13 +232,18 @@ class Ranking:
             found += [one for one in supports if one.fit.reduced_misfit <= self.settings.selecting.little]
         return [best, *best_of_each(found)]
 
-    def _catalogue_beside(self, state: State) -> tuple[PlateModel, list[Candidate]]:
+    def _scoring_beside(self, state: State) -> tuple[PlateModel, list[Candidate]]:
+        """The same, and how many they are is said."""
+        base, everyone = self.catalogue_beside(state)
+        self.say(f"scoring {len(everyone)} candidates")
+        return base, everyone
+
+    def catalogue_beside(self, state: State) -> tuple[PlateModel, list[Candidate]]:
         """The plate that candidates are scored beside, in few modes, and all of them."""
         base = self.builder.reduced(state.fit.model, state.fit.theta[None], by_element=True, about=state.fit.about)
         base = self.builder.target.specimen(base, state.fit.theta, state.fit.about)
         rearranged = self._rearranged(state)
         everyone = candidates(base, state.fit.theta, self.channels, rearranged, self.prior.keys(), self.measured)
-        self.say(f"scoring {len(everyone)} candidates")
         n_option = n_options(everyone)
         n_option |= {"channel_swap": rearranged.n_swap, "channel_polarity": rearranged.n_polarity}
         self.refits.n_option = n_option
