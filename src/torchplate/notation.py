@@ -65,3 +65,13 @@ def counted(n: int, one: str, many: str = "") -> str:
         many: for several; with an s where left out.
     """
     return f"{n} {one if n == 1 else many or one + 's'}"
+
+
+def shortened(text: str, most: int = 200) -> str:
+    """Text that somebody else wrote, as a sentence may quote it: cut where it is long.
+
+    Args:
+        text: of a file, say.
+        most: characters that are left [-].
+    """
+    return text if len(text) <= most else text[: most - 1].rstrip() + "…"

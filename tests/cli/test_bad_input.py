@@ -36,6 +36,10 @@ BAD_CONFIGS = {
     "missing parameter": ({"effects.plate.density": ...}, ["effects", "plate.density", "kg/m³", "Add it"]),
     "interval reversed": ({"effects.plate.thickness": [0.004, 0.003]}, ["effects.plate.thickness", "Swap the ends"]),
     "interval of three": ({"effects.plate.thickness": [1, 2, 3]}, ["effects.plate.thickness", "[low, high]"]),
+    "a long list for an interval": (
+        {"effects.plate.thickness": 400 * [0.003, {"a": None}]},
+        ["effects.plate.thickness", "an interval [low, high]", "…"],
+    ),
     "text in an interval": ({"effects.plate.thickness": [0.003, "thick"]}, ["effects.plate.thickness", "'thick'"]),
     "interval with a wrong key": (
         {"effects.plate.thickness": {"low": 0.002, "high": 0.004, "skale": "log"}},

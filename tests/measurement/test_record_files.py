@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat, wavfile
 
-from torchplate.measurement import Layout, MeasurementError, read_recordings
+from torchplate.measurement import Layout, MeasurementError, read_frf_table, read_recordings
 
 _spec = importlib.util.spec_from_file_location("hits", Path(__file__).with_name("hits.py"))
 assert _spec
@@ -256,3 +256,25 @@ def test_a_force_channel_that_is_not_there_is_named(tmp_path):
     csv(tmp_path / "hit")
     assert "acc 1, force [N], acc 2" in refused("hit.csv", None, tmp_path, Layout(force="hammer"))
     assert "each of 2 responses, got 1" in refused("hit.csv", None, tmp_path, Layout(responses=(3,)))
+
+
+def test_names_that_are_no_text_are_quoted_in_short(tmp_path, monkeypatch):
+    """A mutated file had the bytes of all its arrays for the name of one."""
+    savemat(tmp_path / "hits.mat", {"other": np.zeros(3)})
+    monkeypatch.setattr("scipy.io.loadmat", lambda *_, **__: {400 * "\x08\x9b \x00": np.zeros(3)})
+    with pytest.raises(MeasurementError) as caught:
+        read_recordings(tmp_path / "hits.mat")
+    said = str(caught.value).removeprefix(str(tmp_path))
+    assert said.isprintable()
+    assert len(said) < 350
+
+
+def test_a_mat_file_that_scipy_trips_over_is_refused_in_a_sentence(tmp_path, monkeypatch):
+    savemat(tmp_path / "hits.mat", {"force": np.zeros(3)})
+
+    def unbound(*_, **__):
+        raise UnboundLocalError("local variable 'arr' referenced before assignment")
+
+    monkeypatch.setattr("scipy.io.loadmat", unbound)
+    with pytest.raises(MeasurementError, match=r"expected a MAT file, got a broken one\. Save it again\."):
+        read_frf_table(tmp_path / "hits.mat")

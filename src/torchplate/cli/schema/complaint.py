@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 from torchplate.cli.schema.numbers import Known
 from torchplate.effects import CATALOGUE, Plate
 from torchplate.nearest import did_you_mean
+from torchplate.notation import shortened
 
 # Titles of the pages of the documentation that are made from the models below and from the catalogue.
 KEY_PAGE: Final = "Configuration"
@@ -125,10 +126,10 @@ def first_complaint(error: ValidationError, root: type[BaseModel] | None = None,
 
 
 def shown(given: object) -> str:
-    """What came, as a sentence has it: what YAML leaves empty is nothing."""
+    """What came, as a sentence has it, cut where it is long: what YAML leaves empty is nothing."""
     if given is None:
         return "nothing"
-    return "no finite number" if isinstance(given, float) and not math.isfinite(given) else repr(given)
+    return "no finite number" if isinstance(given, float) and not math.isfinite(given) else shortened(repr(given))
 
 
 def unknown_key(name: str, known: Iterable[str], section: str = "") -> str:

@@ -13,6 +13,7 @@ from torchplate.measurement.formats.mat_elements import check_elements
 from torchplate.measurement.formats.text_table import cells_of, lines_of, number_of, unit_in
 from torchplate.measurement.level import is_unit, second_of
 from torchplate.measurement.measurement import MeasurementError
+from torchplate.notation import shortened
 
 FORCE_NAME: Final = re.compile(
     r"force|hammer|exc|impact|kraft|^f\d*$|\[\s*(k|m)?n\s*\]|\(\s*(k|m)?n\s*\)", re.IGNORECASE
@@ -55,7 +56,7 @@ def _from_wav(path: Path) -> RecordTable:
 
 def _mat(path: Path) -> Mapping[str, Any]:
     from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError, matfile_version
+    from scipy.io.matlab import matfile_version
 
     try:
         if matfile_version(str(path))[0] == 1:
@@ -65,8 +66,11 @@ def _mat(path: Path) -> Mapping[str, Any]:
         raise MeasurementError(
             f"{path}: expected a MAT file up to version 7, got version 7.3. Save it with -v7."
         ) from None
-    except MatReadError as error:
-        raise MeasurementError(f"{path}: expected a MAT file, got a broken one ({error}). Save it again.") from None
+    except MemoryError:
+        raise
+    except Exception as error:  # whatever SciPy trips over in a broken file, variables that it never set among it
+        said = "" if isinstance(error, NameError) else f" ({shortened(plain(' '.join(str(error).split())))})"
+        raise MeasurementError(f"{path}: expected a MAT file, got a broken one{said}. Save it again.") from None
     return content
 
 
@@ -144,7 +148,8 @@ def flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 def _named(content: Mapping[str, Any]) -> str:
     """The names in a file, without those of its format."""
-    return ", ".join(key for key in content if not str(key).startswith("__")) or "none"
+    names = " ".join(", ".join(key for key in content if not str(key).startswith("__")).split())
+    return shortened(plain(names)) or "none"
 
 
 def _word(key: str) -> str:
