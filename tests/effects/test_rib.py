@@ -7,7 +7,7 @@ import torch
 
 from torchplate.effects import Plate, Rib
 from torchplate.effects.rib import most_pieces
-from torchplate.model import PlateModel, SparseModel
+from torchplate.model import PlateModel, Searched, SparseModel
 from torchplate.plate import Mesh
 
 NONE = torch.zeros(0, dtype=torch.float64)
@@ -112,3 +112,27 @@ def test_it_has_the_energy_of_a_beam_whose_curvature_grows_along_it():
     strain, _ = energies(build(known), lambda x, _: (0.5 * x) ** 3)
     # ∫ (6 X)² dX over 0.5 m.
     assert strain == pytest.approx(9.0 * 36 * 0.5**3 / 3, rel=1e-6)
+
+
+def test_rows_of_many_members_stay_within_the_memory(monkeypatch):
+    """Rows along a line are over all dofs of the mesh, for each member."""
+    sizes, sound = [], Rib.local
+
+    def local(self, mesh, value):
+        found = sound(self, mesh, value)
+        sizes.append(found.vector.numel() * found.vector.element_size())
+        assert found.vector.shape[-2] == self.n_row(mesh)
+        return found
+
+    monkeypatch.setattr(Rib, "local", local)
+    memory = 2**22
+    model = PlateModel(
+        MESH, {"plate": Plate(), "rib": Rib()}, PLATE | BEAM | {"rib.x0": 0.1, "rib.y0": 0.2, "rib.x1": 0.9},
+        {"rib.y1": Searched(0.1, 0.9)}, memory=memory,
+    )  # fmt: skip
+    theta = torch.linspace(0.2, 0.8, 40, dtype=torch.float64)[:, None]
+    found = model.frf(theta, [50.0], [3], [7], "receptance")
+    assert len(sizes) > 1
+    assert max(sizes) <= memory // 8
+    whole = PlateModel(model.mesh, model.effects, model.known_values, model.searched)
+    assert torch.allclose(found, whole.frf(theta, [50.0], [3], [7], "receptance"), rtol=1e-9)

@@ -167,6 +167,10 @@ class Effect(ABC):
         """Masses, springs and dashpots that this effect adds at places."""
         return None
 
+    def n_row(self, mesh: Mesh) -> int:
+        """Rows over the dofs of a mesh that `local` makes for each member at most; one, but along a line [-]."""
+        return 1
+
     def attached(self, mesh: Mesh, terms: Sequence[Local], value: Value) -> Sequence[Local]:
         """The terms of the effects before it, with its own; or changed, if it changes what is attached already."""
         own = self.local(mesh, value)

@@ -97,6 +97,10 @@ class Rib(Effect):
             stiffness=torch.cat([*kinds[:3], nothing, nothing], dim=-1),
         )
 
+    def n_row(self, mesh: Mesh) -> int:
+        """Three of each piece between two stations, and one of each Gauss point."""
+        return 5 * most_pieces(mesh)
+
 
 def most_pieces(mesh: Mesh) -> int:
     """Pieces of the longest rib that the plate has room for."""

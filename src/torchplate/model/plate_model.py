@@ -315,12 +315,17 @@ class PlateModel(PlateVariants):
         return load[..., None, :]
 
     def _chunks(self, theta: Tensor) -> Iterator[Tensor]:
-        """Members that fit half of the memory with their matrices and modes, on a CPU at most as many as pay."""
+        """Members that fit half of the memory with their matrices and modes, on a CPU at most as many as pay.
+
+        What sits along lines has rows over all dofs of the mesh for each: an eighth of the memory is theirs.
+        """
         flat = theta.reshape(theta.shape[:-1].numel(), theta.shape[-1])
         fitting = self.memory // 2 // (8 * theta.element_size() * self.assembly.size**2)
         if self.shared_modes is not None:
             fitting = max(fitting, MEMBERS_AT_ONCE)
         if theta.device.type == "cpu":
             fitting = min(fitting, MEMBERS_AT_ONCE)
+        n_row = sum(effect.n_row(self.mesh) for effect in self.effects.values())
+        fitting = min(fitting, self.memory // 8 // (theta.element_size() * n_row * self.mesh.n_dof))
         # A power of two, so that a member has the same place in its chunk if the batch is parted at one.
         return iter(flat.split(1 << max(0, fitting.bit_length() - 1)))
