@@ -69,7 +69,7 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     text = " ".join(README.split())
     right, false = "one effect, named right", "a false name, all but beyond"
     silent = "nothing hidden, called consistent"
-    for table, cases in (("U/table.md", "clean cases"), ("workshop/R/table.md", "workshop plates")):
+    for table, cases in (("U/table.md", "clean cases"), ("workshop/T/table.md", "workshop plates")):
         (n, of), (kept, still), (both, pairs), (named, _) = (
             rate(table, what) for what in (right, silent, "two effects, both right", false)
         )
@@ -91,7 +91,7 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     )
 
 
-@pytest.mark.parametrize("table", ["U", "real/Q", "shapes/Q", "states/F", "tables/R", "workshop/R", "workshop/S"])
+@pytest.mark.parametrize("table", ["U", "real/Q", "shapes/Q", "states/F", "tables/R", "workshop/S", "workshop/T"])
 def test_the_map_of_runs_says_which_cases_the_committed_tables_are_of(table):
     head = (ROOT / "runs/blind" / table / "table.md").read_text().splitlines()[0]
     numbers = re.findall(r"\d+", re.match(r"Cases ([\d andto]+),", head)[1])
