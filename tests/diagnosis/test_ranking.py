@@ -471,14 +471,16 @@ def test_what_is_grounded_and_the_support_that_it_may_be_are_one(scene, noise, b
 
 @torch.no_grad()
 @pytest.mark.check
-def test_one_that_leaves_noise_stopped_short_too_where_a_support_is_far_more_likely(lab):
+@pytest.mark.parametrize(("factor", "least", "most"), [(0.6, 50.0, math.inf), (0.85, 4.0, 25.0)])
+def test_one_that_leaves_noise_stopped_short_too_where_a_support_is_more_likely(lab, factor, least, most):
+    """A little short is enough to be told from the support, which is the same there."""
     scene = lab.Scene(hidden={"wire": (700.0, 0.0)})
     right = scene.hypothesis("ground_spring", start=torch.tensor([0.5, 0.6, *lab.spot, 0.2]))
     theta = right.fit.theta.clone()
-    theta[[right.fit.model.names.index(f"{right.label}.stiffness")]] *= 0.6
+    theta[[right.fit.model.names.index(f"{right.label}.stiffness")]] *= factor
     short = replace(right, fit=judged_at(scene.builder, right.fit, {}, right.fit.model.space.to_cube(theta)))
     assert is_noise(short.fit)
-    assert short.cost > right.cost + 2 * SETTINGS.selecting.nothing**2
+    assert least < short.cost - right.cost < most
     again, _ = scene.ranking.grounded.as_supports(scene.state, short)
     assert again.name == "ground_spring"
     assert again.fit.cost == pytest.approx(right.fit.cost, abs=1.0)

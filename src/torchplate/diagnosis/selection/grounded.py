@@ -63,8 +63,8 @@ class Grounded:
         ]
         if further and not taken_up:
             best = min(refit[: len(further)], key=lambda one: one.fit.cost)
-            # One number more takes so much by chance, or because it is there; else the way there had stopped short.
-            nearer = found.fit.cost - self.settings.nothing**2 / weight_of([best.fit]).likelihood
+            # One number more takes 1 by chance, in the mean; else it is there, or the way without it had stopped short.
+            nearer = found.fit.cost - 1 / weight_of([best.fit]).likelihood
             if best.fit.cost < nearer:
                 again = self._from_support(state, found, best, hopeless, nearer)
                 if again.fit.cost < nearer:
