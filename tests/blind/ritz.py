@@ -262,10 +262,14 @@ def add_air(plate: RitzPlate, found: "Matrices | SpectralMatrices") -> None:
         found.mass[:] += plate.air * (rows.T @ own @ rows)
 
 
+def about(place: float, n_span: int) -> dict[float, int]:
+    """Breaks on either side of a heavy point, where the deflection goes with r² log r, and how smooth it is at each."""
+    return {place + offset / n_span: 4 for offset in (-0.35, -0.1, 0.1, 0.35)} | {place: 2}
+
+
 def _breaks(plate: RitzPlate, n_span: int) -> tuple[dict[float, int], dict[float, int]]:
     found: tuple[dict[float, int], dict[float, int]] = ({}, {})
     for along in (0, 1):
-        # r² log r at a heavy point: two smaller spans on either side of it.
         heavy = [
             *(t for t in plate.masses if t[2] > LIGHT * plate.mass),
             *(t for t in plate.springs if t[2] > 3e3),
@@ -273,9 +277,7 @@ def _breaks(plate: RitzPlate, n_span: int) -> tuple[dict[float, int], dict[float
             *plate.loaded,
         ]
         for term in heavy:
-            for offset in (-0.35, -0.1, 0.1, 0.35):
-                found[along][term[along] + offset / n_span] = 4
-            found[along][term[along]] = 2
+            found[along].update(about(term[along], n_span))
     for patch in plate.patches:
         for own, interval in zip(found, plate.covered(patch), strict=True):
             if patch.factor != 1:

@@ -28,7 +28,7 @@ from blind.detect import detectable
 from blind.effects import Hidden, Truth, bare
 from blind.nuisances import CLEAN
 from blind.plates import ALUMINIUM, STEEL, Rng, Specimen, config, draw_specimen, log_uniform, wires_of
-from blind.ritz import GRADED, N_SPAN, WHOLE, Interval, RitzPlate
+from blind.ritz import GRADED, N_SPAN, WHOLE, Interval, RitzPlate, about
 from blind.splines import Splines
 
 NAMES = ("absorber", "grain_angle", "rib", "cut_out")
@@ -95,7 +95,7 @@ class ShapedPlate(RitzPlate):
 
     def own_matrices(self, n_span: int = N_SPAN) -> ShapedMatrices:
         """Mass and stiffness over the splines that are on the plate."""
-        x, y = (Splines(n_span, breaks) for breaks in self._breaks())
+        x, y = (Splines(n_span, breaks) for breaks in self._breaks(n_span))
         stiffness, mass = self._bending(x, y, WHOLE, WHOLE), self._inertia(x, y, WHOLE, WHOLE)
         scale = 1 / np.sqrt(np.diag(mass))
         for x0, y0, x1, y1 in self.cuts:
@@ -120,8 +120,11 @@ class ShapedPlate(RitzPlate):
         found = [s**2 * m * (k + s * c) / (k + s * c + s**2 * m) for _, _, m, k, c in self.absorbers]
         return [one[:2] for one in self.absorbers], np.array(found).reshape(len(found), len(s)).T
 
-    def _breaks(self) -> tuple[dict[float, int], dict[float, int]]:
+    def _breaks(self, n_span: int) -> tuple[dict[float, int], dict[float, int]]:
         found: tuple[dict[float, int], dict[float, int]] = ({}, {})
+        for place in self.absorbers:
+            for own, at in zip(found, place[:2], strict=True):
+                own |= about(at, n_span)
         for x0, y0, x1, y1 in self.cuts:
             for own, edges in zip(found, ((x0, x1), (y0, y1)), strict=True):
                 own |= {edge + sign * offset: 4 for edge in edges for offset in GRADED for sign in (-1, 1)}
