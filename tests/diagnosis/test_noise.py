@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from torchplate.effects import CATALOGUE
-from torchplate.measurement.assessment.noise import noise_level
+from torchplate.measurement.assessment.noise import noise_level, of_mains
 from torchplate.measurement.assessment.rational_fit import RationalFit
 
 HIDDEN = {
@@ -194,6 +194,32 @@ def test_a_line_that_stands_out_in_one_frf_is_noise_of_that_line(lab, loss):
     # Resonances show in all FRFs, and stay as sure as they were, however narrow.
     assert float((after.std / before.std).max()) < 1.15
     assert float((before.std / std).max()) < 1.6
+
+
+@pytest.mark.parametrize("hums", [True, False])
+def test_the_mains_are_noise_in_all_frfs_and_no_other_line_is(lab, hums):
+    """What all FRFs show at one line may be a resonance; not where the mains are."""
+    frf = without_noise(lab, "oblong", 8e-3, 1.0)
+    std, line = lab.true_std(frf, 0.01, "mixed"), lab.lines(1.0)
+    clean, _ = measurement(lab, frf, std, 5)
+    place = [int((line - (at if hums else at + 3)).abs().argmin()) for at in (100.0, 150.0, 240.0)]
+    dirty = clean.frf.clone()
+    dirty[place] += 40 * std[place] * torch.exp(1j * torch.arange(std[place].numel()).reshape(std[place].shape))
+    before, after = (noise_level(one) for one in (clean, dataclasses.replace(clean, frf=dirty)))
+    assert (
+        float((after.std[place] / std[place]).median()) > 20
+        if hums
+        else float((after.std[place] / std[place]).median()) < 3
+    )
+    others = torch.ones(len(line), dtype=torch.bool)
+    others[place] = False
+    assert float((after.std / before.std)[others].max()) < 1.3
+
+
+def test_lines_far_apart_are_not_taken_for_the_mains():
+    """Of 4 Hz one line in seven is nearest to one."""
+    assert of_mains(torch.arange(10.0, 400.0, 0.5)).sum() == 12
+    assert not of_mains(torch.arange(10.0, 400.0, 4.0)).any()
 
 
 @pytest.mark.check

@@ -28,6 +28,8 @@ from torchplate.notation import counted, percent
 
 # Chance that a line of usual noise anywhere in a test passes for one that stands out.
 CHANCE: Final = 0.05
+# Frequencies of the mains of the world [Hz].
+MAINS: Final = (50.0, 60.0)
 # Part of the FRFs in which a line stands out if it is no resonance, which all show but those on its nodal lines [-].
 FEW: Final = 1 / 3
 # Fewer lines than this cannot part poles from noise; neighbours then have to do.
@@ -199,10 +201,10 @@ def _from_smoothness(
     n_alone = len(fit.pole) - n_seen
     alone = "" if not n_alone else f", {n_alone} lines that stand out alone"
     out = 0.5 * (smooth - sound.smooth).abs().square() * scale.square()
-    of_lines = _of_lone_lines(out, variance, lone_lines(fit, sound))
+    of_lines = _of_lone_lines(out, variance, lone_lines(fit, sound), of_mains(line))
     variance = variance + of_lines
     if n_noisy := int((of_lines > 0).sum()):
-        alone += f" (there {counted(n_noisy, 'number')} of single FRFs {'is' if n_noisy == 1 else 'are'} noise)"
+        alone += f" (there {counted(n_noisy, 'number')} {'is' if n_noisy == 1 else 'are'} noise)"
     own = "" if not fit.n_own else f"; {fit.n_own} of {frf.shape[1]} FRFs have a noise of their own"
     said = (
         f"The noise is what {n_seen} resonances common to all FRFs{alone} and a smooth rest leave of "
@@ -220,18 +222,38 @@ def _from_smoothness(
 
 
 def _of_lone_lines(
-    out: Float[Tensor, "n_line n_frf"], variance: Float[Tensor, "n_line n_frf"], lone: Bool[Tensor, " n_line"]
+    out: Float[Tensor, "n_line n_frf"],
+    variance: Float[Tensor, "n_line n_frf"],
+    lone: Bool[Tensor, " n_line"],
+    hums: Bool[Tensor, " n_line"],
 ) -> Float[Tensor, "n_line n_frf"]:
-    """Variance that lines have beside the others', where few FRFs stand out alone: no plate has a peak there.
+    """Variance that lines have beside the others', where few FRFs stand out alone, or the mains hum in all of them.
 
     Args:
         out: half the squares of what stands out at a line or two alone.
         variance: of the other lines.
         lone: lines where something stands out alone.
+        hums: lines of the mains.
     """
     stands = lone[:, None] & (out > variance * math.log(variance.numel() / CHANCE))
     few = stands.double().mean(dim=1, keepdim=True) <= FEW
-    return torch.where(stands & few, out, 0.0)
+    return torch.where(stands & (few | hums[:, None]), out, 0.0)
+
+
+def of_mains(line: Float[Tensor, " n_line"]) -> Bool[Tensor, " n_line"]:
+    """The lines nearest to a multiple of what the mains have; none where any line might be one by chance.
+
+    Args:
+        line: frequencies, rising evenly [Hz].
+    """
+    half = 0.5 * float(line[-1] - line[0]) / max(1, len(line) - 1)
+    found = torch.zeros_like(line, dtype=torch.bool)
+    if sum(2 * half / own for own in MAINS) > CHANCE:
+        return found
+    for own in MAINS:
+        number = (line / own).round()
+        found |= (number > 0) & ((line - number * own).abs() <= half)
+    return found
 
 
 class _Second(NamedTuple):

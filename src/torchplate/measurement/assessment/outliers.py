@@ -67,7 +67,7 @@ def without_outliers(fit: RationalFit, variance: Float[Tensor, "n_line n_frf"]) 
 
 
 def lone_lines(fit: RationalFit, sound: RationalFit) -> Bool[Tensor, " n_line"]:
-    """The lines at which poles are highest that are no resonances.
+    """The lines at which poles are highest that are no resonances, but for the ends: the next may lie beyond.
 
     Args:
         fit: with all poles.
@@ -75,6 +75,7 @@ def lone_lines(fit: RationalFit, sound: RationalFit) -> Bool[Tensor, " n_line"]:
     """
     found = torch.zeros(len(fit.frequency), dtype=torch.bool)
     found[_highest(fit.pole[(fit.pole[:, None] != sound.pole).all(dim=1)], fit.frequency).flatten()] = True
+    found[[0, -1]] = False
     return found
 
 
