@@ -56,7 +56,7 @@ def _from_wav(path: Path) -> RecordTable:
 
 def _mat(path: Path) -> Mapping[str, Any]:
     from scipy.io import loadmat
-    from scipy.io.matlab import matfile_version
+    from scipy.io.matlab import MatReadError, matfile_version
 
     try:
         if matfile_version(str(path))[0] == 1:
@@ -66,9 +66,7 @@ def _mat(path: Path) -> Mapping[str, Any]:
         raise MeasurementError(
             f"{path}: expected a MAT file up to version 7, got version 7.3. Save it with -v7."
         ) from None
-    except MemoryError:
-        raise
-    except Exception as error:  # whatever SciPy trips over in a broken file, variables that it never set among it
+    except (MatReadError, NameError) as error:  # of variables that SciPy never set
         said = "" if isinstance(error, NameError) else f" ({shortened(plain(' '.join(str(error).split())))})"
         raise MeasurementError(f"{path}: expected a MAT file, got a broken one{said}. Save it again.") from None
     return content
