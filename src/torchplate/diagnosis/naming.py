@@ -8,7 +8,7 @@ from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.remarks import sizes
 from torchplate.diagnosis.result import Estimate, Named
-from torchplate.diagnosis.selection.criterion import Hypothesis, excessive, is_explained
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_explained, relieved
 from torchplate.diagnosis.selection.trace import Naming, State
 from torchplate.notation import percent
 
@@ -86,11 +86,7 @@ def _end(naming: Naming, last: State) -> Fit:
 
 def _instead_of_nuisances(naming: Naming, last: State) -> str:
     """Which nuisances need not be larger than tests have them with it: the gap does not show what they had taken on."""
-    before, end = naming.before, _end(naming, last)
-    if not (before.by_noise and end.by_noise):
-        return ""
-    needed, still = excessive(before), excessive(end)
-    gone = sizes(before, [name for name in needed if name not in still])
+    gone = sizes(naming.before, relieved(naming.before, _end(naming, last)))
     return f"; without it there would have to be {' and '.join(gone)}" if gone else ""
 
 

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
-from torchplate.measurement.formats.archive import arrays_of, plain
+from torchplate.measurement.formats.archive import arrays_of, plain, quoted
 
 Kind = Literal["receptance", "mobility", "accelerance", "transmissibility"]
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
@@ -309,7 +309,7 @@ class Measurement:
         except (OSError, ValueError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise MeasurementError(
                 f"{path}: expected a NumPy .npz archive without pickled objects, got a file that does not "
-                f"open as one ({' '.join(str(error).split())[:200]}). Write it with numpy.savez or Measurement.to_npz."
+                f"open as one ({quoted(str(error))}). Write it with numpy.savez or Measurement.to_npz."
             ) from error
         missing = [key for key in ("frequency", "frf", "response", "reference") if key not in arrays]
         if missing:

@@ -15,10 +15,10 @@ def times(
 ) -> Float[Tensor, "*batch n_row n"]:
     """Rows times a matrix; of many rows, as along a line of the plate, without the dofs that none of them sees.
 
-    Each member by itself then, so that its digits do not hang on which others are beside it. Not where a derivative is
-    asked for: what a row does not see it may begin to.
+    Each member by itself then, on a CPU, so that its digits do not hang on which others are beside it. Not where a
+    derivative is asked for: what a row does not see it may begin to.
     """
-    if rows.shape[-2] < MANY or rows.requires_grad or transformed():
+    if rows.shape[-2] < MANY or rows.device.type != "cpu" or rows.requires_grad or transformed():
         return rows @ matrix
     found = []
     for one in rows.reshape(-1, *rows.shape[-2:]):

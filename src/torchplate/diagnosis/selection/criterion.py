@@ -237,6 +237,19 @@ def excessive(fit: Fit) -> dict[str, float]:
     return {name: scale for name, scale in fit.judged.scale.items() if scale > fit.comparison.size_limit}
 
 
+def relieved(before: Fit, after: Fit) -> list[str]:
+    """Groups of nuisances that had to be larger than tests have them, and need not with what was added.
+
+    Args:
+        before: the fit without what was added.
+        after: with it.
+    """
+    if not (before.by_noise and after.by_noise):
+        return []
+    still = excessive(after)
+    return [name for name in excessive(before) if name not in still]
+
+
 def remaining(before: Fit, after: Fit) -> float:
     """What part of the gap is left, beside the specimens as they were found [-]; or of the misfit, if that is less.
 
@@ -248,7 +261,7 @@ def remaining(before: Fit, after: Fit) -> float:
         after: with it.
     """
     gap = after.left / max(before.left, 1e-300)
-    if not (before.by_noise and after.by_noise and excessive(before).keys() - excessive(after).keys()):
+    if not relieved(before, after):
         return gap
     more, less = (max(0.0, one.reduced_misfit - 1) ** 0.5 for one in (before, after))
     return min(gap, less / more) if more else gap

@@ -9,6 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from torchplate.notation import shortened
+
 SWELLS: Final = 200
 ROOM: Final = 2**28
 """An archive may grow to this many times its size, or to so many bytes; FRFs grow to ten times theirs at most."""
@@ -44,6 +46,16 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
                 if error.errno != errno.EINVAL:
                     raise
                 raise ValueError("an array that is not where the archive says") from error
+
+
+def quoted(text: str, most: int = 200) -> str:
+    """Text that somebody else wrote, as a sentence may quote it: one line, without control characters, cut where long.
+
+    Args:
+        text: of a file, or of what read it.
+        most: characters that are left [-].
+    """
+    return shortened(plain(" ".join(text.split())), most)
 
 
 def plain(text: str) -> str:

@@ -8,12 +8,11 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from torchplate.measurement.formats.archive import arrays_of, plain
+from torchplate.measurement.formats.archive import arrays_of, plain, quoted
 from torchplate.measurement.formats.mat_elements import check_elements
 from torchplate.measurement.formats.text_table import cells_of, lines_of, number_of, unit_in
 from torchplate.measurement.level import is_unit, second_of
 from torchplate.measurement.measurement import MeasurementError
-from torchplate.notation import shortened
 
 FORCE_NAME: Final = re.compile(
     r"force|hammer|exc|impact|kraft|^f\d*$|\[\s*(k|m)?n\s*\]|\(\s*(k|m)?n\s*\)", re.IGNORECASE
@@ -67,7 +66,7 @@ def _mat(path: Path) -> Mapping[str, Any]:
             f"{path}: expected a MAT file up to version 7, got version 7.3. Save it with -v7."
         ) from None
     except (MatReadError, NameError) as error:  # of variables that SciPy never set
-        said = "" if isinstance(error, NameError) else f" ({shortened(plain(' '.join(str(error).split())))})"
+        said = "" if isinstance(error, NameError) else f" ({quoted(str(error))})"
         raise MeasurementError(f"{path}: expected a MAT file, got a broken one{said}. Save it again.") from None
     return content
 
@@ -146,8 +145,7 @@ def flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 def _named(content: Mapping[str, Any]) -> str:
     """The names in a file, without those of its format."""
-    names = " ".join(", ".join(key for key in content if not str(key).startswith("__")).split())
-    return shortened(plain(names)) or "none"
+    return quoted(", ".join(key for key in content if not str(key).startswith("__"))) or "none"
 
 
 def _word(key: str) -> str:
