@@ -125,14 +125,18 @@ def test_rows_of_many_members_stay_within_the_memory(monkeypatch):
         return found
 
     monkeypatch.setattr(Rib, "local", local)
-    memory = 2**22
-    model = PlateModel(
+    memory = 2**21
+    whole = PlateModel(
         MESH, {"plate": Plate(), "rib": Rib()}, PLATE | BEAM | {"rib.x0": 0.1, "rib.y0": 0.2, "rib.x1": 0.9},
-        {"rib.y1": Searched(0.1, 0.9)}, memory=memory,
+        {"rib.y1": Searched(0.1, 0.9)},
     )  # fmt: skip
     theta = torch.linspace(0.2, 0.8, 40, dtype=torch.float64)[:, None]
+    # In a basis of few columns its matrices are small beside the rows.
+    model = whole.projected(torch.eye(whole.assembly.size, 12, dtype=torch.float64))
+    expected = model.frf(theta, [50.0], [3], [7], "receptance")
+    model.memory = memory
+    sizes.clear()
     found = model.frf(theta, [50.0], [3], [7], "receptance")
     assert len(sizes) > 1
     assert max(sizes) <= memory // 8
-    whole = PlateModel(model.mesh, model.effects, model.known_values, model.searched)
-    assert torch.allclose(found, whole.frf(theta, [50.0], [3], [7], "receptance"), rtol=1e-9)
+    assert torch.allclose(found, expected, rtol=1e-9)
