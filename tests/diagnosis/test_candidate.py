@@ -1,5 +1,6 @@
 """What may be missing follows from the catalogue, and from what the model has already."""
 
+import itertools
 from dataclasses import dataclass
 
 import pytest
@@ -297,4 +298,9 @@ def test_ribs_are_tried_along_both_sides_and_along_half_of_each():
         assert tried in ([True, True, False], [False, False, True]) or (whole and sum(tried) == 1)
         # Nothing lies the other way: no rib takes stiffness or mass off the plate.
         assert trial.lowest == 0
+    # As stiff as the plate is, and a fiftieth of that: from one of both, a straight line does not lead to the other.
+    bent = sorted({trial.values["bending"] for trial in rib.far if trial.values["bending"] > 0})
+    stiffest = rib.searched["bending"].high
+    assert bent[0] < 0.02 * stiffest < 0.5 * stiffest < bent[-1]
+    assert all(after < 7 * before for before, after in itertools.pairwise(bent))
     assert all(trial.rest is not None and not any(trial.rest[key] for key in strengths) for trial in rib.near)

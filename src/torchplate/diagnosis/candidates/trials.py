@@ -72,24 +72,26 @@ def _along_lines(
 ) -> list[Trial]:
     """What runs along a line, on lines along either side and on half of each: its stiffnesses together, or its mass.
 
-    On whole lines each of them alone, too.
+    On whole lines each of them alone, too. Steps are weak, middling and strong: peaks do not move by a rib as stiff as
+    the plate as by one of a fiftieth of that.
     """
     settings = SETTINGS.trials
     first, middle, last = settings.spread[0], settings.spread[len(settings.spread) // 2], settings.spread[-1]
     believed = settings.tangent / TINY if tangent else settings.believed[1]
     nothing = {key: neutral[key] for key in searched if key in neutral}
-    step = {
-        key: _tangent(searched[key], rest) if tangent else _steps(searched[key], rest, at_place=True)[0]
-        for key, rest in nothing.items()
-    }
-    kinds = [{key: step[key] for key in step if unit[key] == kind} for kind in dict.fromkeys(unit[key] for key in step)]
-    alone = [{key: step[key]} for kind in kinds if len(kind) > 1 for key in kind]
+    steps = [{key: _tangent(searched[key], rest) for key, rest in nothing.items()}]
+    if not tangent:
+        parts = (first, middle, last)
+        steps = [{key: _scale_free(searched[key], rest, part) for key, rest in nothing.items()} for part in parts]
+    strengths = [[key for key in nothing if unit[key] == kind] for kind in dict.fromkeys(map(unit.get, nothing))]
+    alone = [[key] for together in strengths if len(together) > 1 for key in together]
     found = []
     for at, (begin, end) in itertools.product(settings.spread, ((first, last), (first, middle), (middle, last))):
-        every = [*kinds, *alone] if (begin, end) == (first, last) else kinds
+        every = [*strengths, *alone] if (begin, end) == (first, last) else strengths
         for along, across in ("xy", "yx"):
             line = {f"{along}0": begin, f"{along}1": end, f"{across}0": at, f"{across}1": at} | nothing
-            found += [Trial(line | kind, 0.0, believed, line if tangent else None) for kind in every]
+            members = [{key: step[key] for key in step if key in some} for some in every for step in steps]
+            found += [Trial(line | member, 0.0, believed, line if tangent else None) for member in members]
     return found
 
 
