@@ -200,3 +200,21 @@ def test_an_elements_matrices_keep_the_dtype_of_what_they_are_made_of() -> None:
     assert single.dtype == torch.float32
     # Single precision of a sum of six products.
     torch.testing.assert_close(single.double(), double, rtol=0, atol=1e-6 * double.abs().max().item())
+
+
+@pytest.mark.parametrize(("a", "b"), SIDES)
+def test_a_mass_that_goes_with_the_place_is_integrated_as_the_points_of_gauss_are(a: float, b: float) -> None:
+    """m = 1 + 2ξ − 3ξη² about the middle, against 7 × 7 points, of which products of two cubes and it are exact."""
+    point, weight = (torch.from_numpy(part) for part in np.polynomial.legendre.leggauss(7))
+    place = torch.cartesian_prod(point, point) / 2
+    each = torch.cartesian_prod(weight, weight).prod(-1) / 4
+
+    def areal_mass(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+        return 1 + 2 * x - 3 * x * y**2
+
+    powers = torch.arange(7)
+    moments = torch.einsum("g,gp,gq->pq", each * areal_mass(*place.T), place[:, :1] ** powers, place[:, 1:] ** powers)
+    found = torch.einsum("k,kpq->pq", moments.flatten(), element.uneven_mass_pattern(a, b))
+    shape = element.shape_functions(place + 0.5, a, b)
+    expected = a * b * (shape.mT * (each * areal_mass(*place.T))) @ shape
+    torch.testing.assert_close(found, expected, rtol=1e-11, atol=1e-13 * float(expected.abs().max()))

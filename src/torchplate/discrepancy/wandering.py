@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.model import PlateModel
-from torchplate.plate import Mesh, Plan, Section, Unevenness
+from torchplate.plate import Mesh, Plan, Section, Unevenness, stiffness_coefficient
 
 # Step of the plate's section from which the change of its matrices is taken: they are polynomials of low order in it.
 STEP = 1e-4
@@ -67,7 +67,7 @@ def terms(model: PlateModel, plan: Plan, wandering: Wandering) -> list[Term]:
     """
     section, place = plan.section, model.mesh.element_place.to(model.known)
     rigidity = section.rigidity
-    coefficient = model.assembly.stiffness_coefficient(rigidity, plan.geometry)
+    coefficient = stiffness_coefficient(rigidity, plan.geometry)
     shapes = _shapes(place, wandering.order)
     # So that all terms together are as large as the standard deviation says, on the mean over the plate.
     size = 1 / math.sqrt(sum(float(one.square().mean()) for one in shapes)) if shapes else 0.0
@@ -84,7 +84,7 @@ def terms(model: PlateModel, plan: Plan, wandering: Wandering) -> list[Term]:
             section._replace(young_ratio=section.young_ratio * (1 + STEP)),
             section._replace(shear_factor=section.shear_factor * (1 + STEP)),
         ):
-            other = model.assembly.stiffness_coefficient((changed.rigidity - rigidity) / STEP, plan.geometry)
+            other = stiffness_coefficient((changed.rigidity - rigidity) / STEP, plan.geometry)
             found.append(Term("grain", everywhere, other, None))
     return found
 

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, unit_interval
-from torchplate.plate import Mesh, Section
+from torchplate.plate import Mesh, Section, without
 
 # What is left of bending stiffness and mass where there is no plate: little enough not to be felt, and the mass so much
 # less that what is left there has its natural frequencies ten times as high as a plate would.
@@ -16,13 +16,13 @@ STIFFNESS_LEFT, MASS_LEFT = 1e-6, 1e-8
 
 @dataclass(frozen=True)
 class CutOut(Effect):
-    """A rectangle without plate: stiffness and mass of each element times the part of it that is not inside.
+    """A rectangle without plate: stiffness and mass of each element as far as it is not inside.
 
     The rectangle goes from one corner to the opposite one, in any order, its sides along those of the plate; where it
-    reaches an edge it is a notch. The part of an element inside is piecewise linear in all four numbers, so all have a
-    gradient. On lines of the mesh the hole is exact but for what is left of it, a 1e-6 of the stiffness and a 1e-8 of
-    the mass; between them an element that is cut is too stiff by its kind, as it still spans the cut: the hole is then
-    up to a fraction of an element too small. Where it is known, `mesh.cut` leaves the elements out.
+    reaches an edge it is a notch. What is inside is continuous in all four numbers, so all have a gradient. On lines of
+    the mesh the hole is exact but for what is left of it, a 1e-6 of the stiffness and a 1e-8 of the mass; between them
+    an element that is cut is stiff and heavy only where there is plate. Where the hole is known, `mesh.cut` leaves the
+    elements out.
     """
 
     parameters = {
@@ -34,17 +34,13 @@ class CutOut(Effect):
     check = Check(1, "look at the plate: a hole, a notch, a missing corner")
     acts_on = frozenset({"section"})
     shows = "Modes that bend there sink and modes that merely move there rise, as mass and stiffness are gone together."
-    source = "Bendsøe and Sigmund, Topology Optimization (2003), section 1.1, on material that is scaled away"
+    source = "Parvizian, Düster and Rank, Finite cell method, Computational Mechanics 41 (2007), 121"
 
     def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
-        """What is left of rigidity and mass of each element."""
+        """What is left of the bending and of the mass of each element."""
         corner = [torch.stack(torch.broadcast_tensors(*(value[f"{axis}{end}"] for end in "01"))) for axis in "xy"]
-        along_x, along_y = mesh.overlap(*(_sorted(pair) for pair in corner))
-        inside = along_x * along_y
-        stiffness, mass = (1 - (1 - left) * inside for left in (STIFFNESS_LEFT, MASS_LEFT))
-        return section._replace(
-            stiffness_factor=section.stiffness_factor * stiffness[..., None], density=section.density * mass
-        )
+        over_x, over_y = (_sorted(pair) for pair in corner)
+        return without(section, mesh, over_x, over_y, (STIFFNESS_LEFT, MASS_LEFT))
 
 
 def _sorted(pair: Tensor) -> tuple[Tensor, Tensor]:

@@ -39,5 +39,4 @@ class DirectionalDamping(Effect):
     def section(self, mesh: Mesh, section: Section, value: Value) -> Section:
         """The loss factors of D₁₁, D₂₂, D₁₂ and D₃₃, on top of what each element has."""
         x, y, xy = torch.broadcast_tensors(*(value[name] for name in self.parameters))
-        extra = torch.stack([x, y, 0.5 * (x + y), xy], dim=-1)[..., None, :]
-        return section._replace(loss_factor=extra if section.loss_factor is None else section.loss_factor + extra)
+        return section.lossier(torch.stack([x, y, 0.5 * (x + y), xy], dim=-1)[..., None, :])

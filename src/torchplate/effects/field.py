@@ -134,8 +134,7 @@ class Field(Effect):
             return section._replace(stiffness_factor=section.stiffness_factor * (1 + there[..., None]))
         if self.kind == "mass":
             return section._replace(density=section.density * (1 + there))
-        more = there[..., None]
-        return section._replace(loss_factor=more if section.loss_factor is None else section.loss_factor + more)
+        return section.lossier(there[..., None])
 
     def local(self, mesh: Mesh, value: Value) -> Local | None:
         """The springs of a field of support."""

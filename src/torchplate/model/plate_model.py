@@ -25,7 +25,7 @@ from torchplate.model.receptance.modal_solution import modal_solution
 from torchplate.model.receptance.modal_sum import MEMBERS_AT_ONCE
 from torchplate.model.receptance.modes import Modes, natural_frequencies, solve_eigenvalues, solve_modes
 from torchplate.model.receptance.rearranged import rearranged
-from torchplate.plate import Plan, System, concatenate, transformed
+from torchplate.plate import Plan, System, concatenate, transformed, uneven_mass_coefficient
 
 
 class PlateModel(PlateVariants):
@@ -303,7 +303,8 @@ class PlateModel(PlateVariants):
         """Rows of the forces; the base's unit acceleration loads the plate with its inertia."""
         if reference is not None:
             return self.assembly.rows(self.mesh.deflection_at(reference))
-        load = self.assembly.translation_load(plan.section.areal_mass, plan.geometry)
+        heavy = uneven_mass_coefficient(plan.section, plan.geometry)
+        load = self.assembly.translation_load(plan.section.areal_mass, plan.geometry, heavy)
         for term in plan.terms:
             if term.mass is not None:
                 # A deflection row times the rigid translation is one.

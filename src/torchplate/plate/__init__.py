@@ -7,8 +7,10 @@
   (Local), damping in proportion to the whole model (Proportional), and all of these for one batch (Plan).
 - `correction`: what an assembly has beside its mesh (Correction, Unevenness).
 - `added_mass`: of a fluid around the plate, which couples the motion of all its parts (AddedMass).
-- `laminate`: elements that the edges of a patch cut, each as a whole; `patch`: how the bending goes over them.
+- `laminate`: elements that the edges of a patch cut, each as a whole; `patch`: how the bending goes over them, and over
+  those that the edges of a hole cut.
 - `rows`: deflections at places as rows over the dofs, of which few see anything.
+- `coefficients`: what the matrices of every element are times.
 - `assemble`: Section and Local to mass, stiffness and damping, in every dof or in a reduced basis.
 - `material`: what plates are usually made of; `wavelength`: bending waves, and the elements they need.
 - `power_law`: a loss factor that goes with a power of the frequency, and its modulus.
@@ -17,11 +19,17 @@
 
 from torchplate.plate.added_mass import N_PANEL, AddedMass, dragged, influence, lattice
 from torchplate.plate.assemble import Assembly
+from torchplate.plate.coefficients import (
+    mass_coefficient,
+    stiffness_coefficient,
+    uneven_coefficient,
+    uneven_mass_coefficient,
+)
 from torchplate.plate.correction import Correction, Unevenness
 from torchplate.plate.laminate import laminate
 from torchplate.plate.material import MATERIALS, Material, find_material
 from torchplate.plate.mesh import EDGES, Mesh
-from torchplate.plate.patch import patched, uneven_bending
+from torchplate.plate.patch import patched, uneven_bending, without
 from torchplate.plate.power_law import LOWEST_FREQUENCY, REFERENCE_FREQUENCY
 from torchplate.plate.prolongation import prolongation
 from torchplate.plate.section import (
@@ -80,9 +88,14 @@ __all__ = [
     "is_vmapped",
     "laminate",
     "lattice",
+    "mass_coefficient",
     "patched",
     "prolongation",
+    "stiffness_coefficient",
     "thickness_of",
     "transformed",
     "uneven_bending",
+    "uneven_coefficient",
+    "uneven_mass_coefficient",
+    "without",
 ]

@@ -15,6 +15,13 @@ from torch import Tensor, nn
 
 from torchplate.plate import element
 from torchplate.plate.added_mass import AddedMass
+from torchplate.plate.coefficients import (
+    STRAIGHT,
+    mass_coefficient,
+    stiffness_coefficient,
+    uneven_coefficient,
+    uneven_mass_coefficient,
+)
 from torchplate.plate.correction import Correction, Unevenness
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.rows import times
@@ -23,8 +30,6 @@ from torchplate.plate.transforms import REMEMBERED, stays, transformed
 
 # Fixed matrices, of a uniform plate and of projected elements, are kept up to these sizes; beyond they are made anew.
 UNIFORM_BYTES, ELEMENT_BYTES = 256 * 2**20, 512 * 2**20
-# Of the six entries of a rigidity, D₁₁, D₂₂, D₁₂ and D₃₃: the others are zero where the grain is not turned.
-STRAIGHT = [0, 1, 3, 2]
 
 
 class Assembly(nn.Module):
@@ -45,6 +50,7 @@ class Assembly(nn.Module):
     pattern: Tensor
     mass_pattern: Tensor
     uneven_pattern: Tensor
+    uneven_mass_pattern: Tensor
     uniform: Tensor | None
     elements: Tensor | None
     element_masses: Tensor | None
@@ -83,6 +89,8 @@ class Assembly(nn.Module):
         self.register_buffer("mass_pattern", mass_pattern, persistent=False)
         uneven = element.uneven_patterns(1 / mesh.cells[0], 1 / mesh.cells[1])
         self.register_buffer("uneven_pattern", uneven, persistent=False)
+        uneven_mass = element.uneven_mass_pattern(1 / mesh.cells[0], 1 / mesh.cells[1])
+        self.register_buffer("uneven_mass_pattern", uneven_mass, persistent=False)
         self.register_buffer("basis", basis, persistent=False)
         self.register_buffer("uniform", None, persistent=False)
         self.register_buffer("elements", None, persistent=False)
@@ -149,22 +157,6 @@ class Assembly(nn.Module):
         """Rows of every matrix: free dofs, or vectors of the basis."""
         return len(self.free) if self.basis is None else self.basis.shape[-1]
 
-    def stiffness_coefficient(
-        self, rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
-    ) -> Float[Tensor, "*batch n_element 6"]:
-        """What each stiffness pattern is times: the rigidity's six entries, on the unit square."""
-        x, y = geometry.length_x, geometry.length_y
-        area = (x * y)[..., None]
-        turn = torch.stack([1 / x**2, 1 / y**2, 1 / (x * y)], dim=-1)
-        weight = turn[..., element.RIGIDITY_ROW] * turn[..., element.RIGIDITY_COLUMN] * area
-        return rigidity[..., element.RIGIDITY_ROW, element.RIGIDITY_COLUMN] * weight[..., None, :]
-
-    def mass_coefficient(
-        self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry
-    ) -> Float[Tensor, "*batch n_element 1"]:
-        """What the mass pattern is times: the mass of the elements over that of the unit square's."""
-        return (areal_mass * (geometry.length_x * geometry.length_y)[..., None])[..., None]
-
     def stiffness(
         self,
         rigidity: Float[Tensor, "*#batch n_element 3 3"],
@@ -206,22 +198,10 @@ class Assembly(nn.Module):
         geometry: Geometry,
     ) -> Float[Tensor, "*batch n n"]:
         """Of the elements, each with a rigidity in the mean, and as that goes over it."""
-        stiffness = self._assemble(self.stiffness_coefficient(rigidity, geometry), self.pattern, slice(0, 6))
+        stiffness = self._assemble(stiffness_coefficient(rigidity, geometry), self.pattern, slice(0, 6))
         if uneven is not None:
             stiffness = stiffness + self._apart(uneven, self._uneven_pattern(uneven))
         return stiffness
-
-    def uneven_coefficient(
-        self, section: Section, uneven: Float[Tensor, "*#batch n_element 4 n_power"] | None, geometry: Geometry
-    ) -> Float[Tensor, "*batch n_element n_pattern"] | None:
-        """What each pattern of elements that are not the same all over is times; see `Section.uneven`."""
-        if uneven is None:
-            return None
-        if section.grain_angle is None:
-            coefficient = self.stiffness_coefficient(section.sound_rigidity, geometry)[..., STRAIGHT]
-            return (coefficient[..., None] * uneven).flatten(-2)
-        coefficient = self.stiffness_coefficient(section.sound_parts, geometry)
-        return torch.einsum("k...ep,...ekm->...epm", coefficient, uneven).flatten(-2)
 
     def _uneven_pattern(self, coefficient: Tensor) -> Float[Tensor, "n_pattern 12 12"]:
         """The patterns of these: of the four entries that a plate along its grain has, or of all six."""
@@ -236,10 +216,17 @@ class Assembly(nn.Module):
         rows = self.correction.rows.to(self.pattern)
         return rows.mT @ (middle.to(rows) @ rows)
 
-    def mass(self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry) -> Float[Tensor, "*batch n n"]:
-        """Consistent mass matrix M [kg] from the mass per area of the elements [kg/m²]."""
-        coefficient = self.mass_coefficient(areal_mass, geometry)
+    def mass(
+        self,
+        areal_mass: Float[Tensor, "*#batch n_element"],
+        geometry: Geometry,
+        uneven: Float[Tensor, "*#batch n_element 49"] | None = None,
+    ) -> Float[Tensor, "*batch n n"]:
+        """Consistent mass matrix M [kg] from the mass per area of the elements [kg/m²], and how it goes over each."""
+        coefficient = mass_coefficient(areal_mass, geometry)
         mass = self._assemble(coefficient, self.mass_pattern[None], slice(6, 7))
+        if uneven is not None:
+            mass = mass + self._apart(uneven, self.uneven_mass_pattern)
         if self.unevenness is None:
             return mass
         scale = Unevenness.measure(areal_mass, geometry) / self.unevenness.heavy
@@ -267,12 +254,17 @@ class Assembly(nn.Module):
         return free
 
     def translation_load(
-        self, areal_mass: Float[Tensor, "*#batch n_element"], geometry: Geometry
+        self,
+        areal_mass: Float[Tensor, "*#batch n_element"],
+        geometry: Geometry,
+        uneven: Float[Tensor, "*#batch n_element 49"] | None = None,
     ) -> Float[Tensor, "*batch n"]:
         """M r for the rigid translation r of the whole plate, held dofs included [kg]: its inertia under the base."""
         rigid = self.mesh.rigid_translation.to(areal_mass)[: element.N_DOF]
-        coefficient = areal_mass * (geometry.length_x * geometry.length_y)[..., None]
-        load = coefficient.expand(*coefficient.shape[:-1], self.mesh.n_element)[..., None] * (self.mass_pattern @ rigid)
+        load = mass_coefficient(areal_mass, geometry) * (self.mass_pattern @ rigid)
+        if uneven is not None:
+            load = load + uneven @ (self.uneven_mass_pattern @ rigid)
+        load = load.expand(*load.shape[:-2], self.mesh.n_element, element.N_DOF)
         flat = load.new_zeros(*load.shape[:-2], len(self.free) + 1)
         flat = flat.index_add(-1, self.position.flatten(), load.flatten(-2))[..., :-1]
         return flat if self.basis is None else flat @ self.basis
@@ -305,13 +297,11 @@ class Assembly(nn.Module):
         added: Sequence[AddedMass] = (),
     ) -> System:
         """All matrices of the model: the section's, and what local terms and masses that are spread add to them."""
-        stiffness = self.stiffness(
-            section.rigidity, geometry, self.uneven_coefficient(section, section.uneven, geometry)
-        )
-        mass = self.mass(section.areal_mass, geometry)
+        stiffness = self.stiffness(section.rigidity, geometry, uneven_coefficient(section, section.uneven, geometry))
+        mass = self.mass(section.areal_mass, geometry, uneven_mass_coefficient(section, geometry))
         hysteretic = None
         if section.loss_factor is not None:
-            uneven = self.uneven_coefficient(section, section.uneven_loss, geometry)
+            uneven = uneven_coefficient(section, section.uneven_loss, geometry)
             hysteretic = self.lost(section.lossy_rigidity, geometry, uneven)
         dashpots, viscous = [stiffness.new_zeros(0, self.size)], [stiffness.new_zeros(0)]
         carriers, hung = [], []
@@ -349,13 +339,15 @@ class Assembly(nn.Module):
         self, section: Section, geometry: Geometry, terms: Sequence[Local]
     ) -> tuple[csr_array, csr_array, csr_array, csr_array | None]:
         """K, M, the viscous matrix and the elements' own hysteretic matrix of one member, sparse, on the CPU."""
-        uneven = self.uneven_coefficient(section, section.uneven, geometry)
+        uneven = uneven_coefficient(section, section.uneven, geometry)
         stiffness = self._sparse_bending(section.rigidity, uneven, geometry)
-        mass = self._sparse(self.mass_coefficient(section.areal_mass, geometry), self.mass_pattern[None])
+        mass = self._sparse(mass_coefficient(section.areal_mass, geometry), self.mass_pattern[None])
+        if (heavy := uneven_mass_coefficient(section, geometry)) is not None:
+            mass = mass + self._sparse(heavy, self.uneven_mass_pattern)
         viscous = csr_array(stiffness.shape)
         hysteretic = None
         if section.loss_factor is not None:
-            uneven = self.uneven_coefficient(section, section.uneven_loss, geometry)
+            uneven = uneven_coefficient(section, section.uneven_loss, geometry)
             hysteretic = self._sparse_bending(section.lossy_rigidity, uneven, geometry)
         for term in terms:
             # Without the correction, which would fill the matrices: see `SparseModel.lacking`.
@@ -370,7 +362,7 @@ class Assembly(nn.Module):
         return stiffness, mass, viscous, hysteretic
 
     def _sparse_bending(self, rigidity: Tensor, uneven: Tensor | None, geometry: Geometry) -> csr_array:
-        found = self._sparse(self.stiffness_coefficient(rigidity, geometry), self.pattern)
+        found = self._sparse(stiffness_coefficient(rigidity, geometry), self.pattern)
         return found if uneven is None else found + self._sparse(uneven, self._uneven_pattern(uneven))
 
     def _sparse(self, coefficient: Tensor, pattern: Tensor) -> csr_array:

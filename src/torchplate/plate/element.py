@@ -95,9 +95,7 @@ def uneven_patterns(a: float, b: float) -> Float[Tensor, "6 25 12 12"]:
         a: side along x [m], > 0.
         b: side along y [m], > 0.
     """
-    # From corner dofs to the polynomial about the middle.
-    rows = [monomials(CORNER - 0.5), monomials(CORNER - 0.5, order_y=1), -monomials(CORNER - 0.5, order_x=1)]
-    coefficient = torch.linalg.inv(torch.stack(rows, dim=1).reshape(N_DOF, N_DOF)) * _dof_scale(a, b)
+    coefficient = _about_the_middle() * _dof_scale(a, b)
     orders, side = ((2, 0), (0, 2), (1, 1)), (-1 / a**2, -1 / b**2, -2 / (a * b))
     found = []
     for i, j in zip(RIGIDITY_ROW, RIGIDITY_COLUMN, strict=True):
@@ -111,6 +109,21 @@ def uneven_patterns(a: float, b: float) -> Float[Tensor, "6 25 12 12"]:
         # An off-diagonal entry of D stands at two places of the sum.
         found.append(0.5 * (one + one.mT) if i == j else one + one.mT)
     return torch.stack(found)
+
+
+def uneven_mass_pattern(a: float, b: float) -> Float[Tensor, "49 12 12"]:
+    """The same of mass, where the areal mass goes with the place in the element: Σ m_pq · pattern[7p + q].
+
+    Args:
+        a: side along x [m], > 0.
+        b: side along y [m], > 0.
+    """
+    coefficient = _about_the_middle() * _dof_scale(a, b)
+    power = [EXPONENT[:, axis][:, None] + EXPONENT[:, axis] for axis in (0, 1)]
+    products = coefficient.new_zeros(49, N_DOF, N_DOF)
+    products.scatter_(0, (7 * power[0] + power[1])[None], torch.ones_like(products[:1]))
+    one = a * b * (coefficient.mT @ products @ coefficient)
+    return 0.5 * (one + one.mT)
 
 
 def stiffness(rigidity: Float[Tensor, "*batch 3 3"], a: float, b: float) -> Float[Tensor, "*batch 12 12"]:
@@ -148,6 +161,13 @@ def _coefficients() -> Float[Tensor, "12 12"]:
     rows = torch.stack([monomials(CORNER), monomials(CORNER, order_y=1), -monomials(CORNER, order_x=1)], dim=1)
     # Integers with a determinant of ±1 up to small factors: rounding makes the inverse exact.
     return torch.linalg.inv(rows.reshape(N_DOF, N_DOF)).round()
+
+
+@cache
+def _about_the_middle() -> Float[Tensor, "12 12"]:
+    """The same to those of the polynomial about the middle of the square."""
+    rows = [monomials(CORNER - 0.5), monomials(CORNER - 0.5, order_y=1), -monomials(CORNER - 0.5, order_x=1)]
+    return torch.linalg.inv(torch.stack(rows, dim=1).reshape(N_DOF, N_DOF))
 
 
 @cache

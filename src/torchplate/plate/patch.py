@@ -1,4 +1,4 @@
-"""A rectangular patch of another bending stiffness, and the elements that its edges cut.
+"""A rectangular patch of another bending stiffness, or without plate, and the elements that its edges cut.
 
 The curvatures of an element are not the same all over it, and a patch that covers half of one sees those of that half.
 What `laminate` makes of a cut element is right for curvatures that are the same everywhere; beside it stands here how
@@ -14,10 +14,11 @@ from torchplate.plate.laminate import laminate
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Section
 
-# Powers of a relative place, 0 to 4: curvatures have squares in them, the twist of an element among them.
-POWERS = torch.arange(5)
+# Powers of a relative place, 0 to 4: curvatures have squares in them, the twist of an element among them; and 0 to 6,
+# since deflections have cubes.
+BENT, MOVED = 5, 7
 # The same over a whole side, from its middle.
-WHOLE = torch.tensor([1.0, 0.0, 1 / 12, 0.0, 1 / 80], dtype=torch.float64)
+WHOLE = torch.tensor([1.0, 0.0, 1 / 12, 0.0, 1 / 80, 0.0, 1 / 448], dtype=torch.float64)
 
 
 def patched(
@@ -53,6 +54,46 @@ def patched(
     )
 
 
+def without(
+    section: Section,
+    mesh: Mesh,
+    over_x: tuple[Float[Tensor, "*#batch"], Float[Tensor, "*#batch"]],
+    over_y: tuple[Float[Tensor, "*#batch"], Float[Tensor, "*#batch"]],
+    left: tuple[float, float],
+) -> Section:
+    """What each element is made of with a rectangle without plate.
+
+    Of an element that an edge cuts, bending and mass are those of what is there, which moves as the whole element does:
+    nothing holds it at the edge.
+
+    Args:
+        section: without it.
+        mesh: the mesh.
+        over_x: from where to where the rectangle goes along x, relative [-].
+        over_y: along y.
+        left: stiffness and mass in it over those beside it [-].
+
+    Source: the finite cell method, Parvizian, Düster and Rank, Computational Mechanics 41 (2007), 121.
+    """
+    covered = [_covered(over, n, MOVED) for over, n in zip((over_x, over_y), mesh.cells, strict=True)]
+    every = _both(mesh, *covered)
+    inside, whole = every[..., 0, 0], WHOLE.to(every)
+    stiffness, mass = (1 - (1 - part) * inside for part in left)
+    uneven = every - inside[..., None, None] * whole[:, None] * whole
+    bent = (left[0] - 1) * uneven[..., :BENT, :BENT].flatten(-2)[..., None, :]
+    bent = bent * section.stiffness_factor.expand(*section.stiffness_factor.shape[:-1], 4)[..., None]
+    heavy = (left[1] - 1) * uneven.flatten(-2) * section.density[..., None]
+    found = section._replace(
+        stiffness_factor=section.stiffness_factor * stiffness[..., None],
+        density=section.density * mass,
+        uneven=_sum(section.uneven, bent),
+        uneven_density=_sum(section.uneven_density, heavy),
+    )
+    if section.loss_factor is None:
+        return found
+    return found._replace(uneven_loss=_sum(section.uneven_loss, bent * section.loss_factor[..., None]))
+
+
 def _sum(one: Tensor | None, other: Tensor) -> Tensor:
     return other if one is None else one + other
 
@@ -81,15 +122,9 @@ def uneven_bending(
     strips = [_strips(over, n, factor) for over, n in zip((over_x, over_y), mesh.cells, strict=True)]
     (part_x, series_x, beside_x), (part_y, series_y, beside_y) = strips
     nu = poisson_ratio.square()[..., None, None]
-
-    def both(along_x: Tensor, along_y: Tensor) -> Tensor:
-        """Products [*batch n_element 5 5] of what goes along x and along y, elements counted along x first."""
-        each = along_y[..., :, None, None, :] * along_x[..., None, :, :, None]
-        return mesh.of_kept_elements(each.flatten(-4, -3), -3)
-
     # Where both sides are cut, half of each is taken before the other and half after it.
-    series, beside = both(series_x, part_y), both(beside_x, part_y)
-    turned, aside = both(part_x, series_y), both(part_x, beside_y)
+    series, beside = _both(mesh, series_x, part_y), _both(mesh, beside_x, part_y)
+    turned, aside = _both(mesh, part_x, series_y), _both(mesh, part_x, beside_y)
     found = (
         series + nu * turned + (1 - nu) * aside,
         turned + nu * series + (1 - nu) * beside,
@@ -99,6 +134,20 @@ def uneven_bending(
     return torch.stack(found, dim=-3).flatten(-2)
 
 
+def _both(mesh: Mesh, along_x: Tensor, along_y: Tensor) -> Inexact[Tensor, "*batch n_element n_power n_power"]:
+    """Products of what goes along x and along y, elements counted along x first."""
+    each = along_y[..., :, None, None, :] * along_x[..., None, :, :, None]
+    return mesh.of_kept_elements(each.flatten(-4, -3), -3)
+
+
+def _covered(over: tuple[Tensor, Tensor], n: int, n_power: int) -> Float[Tensor, "*batch n n_power"]:
+    """∫ ξ^p over what a strip covers of each row of elements, ξ from the middle of an element."""
+    number = torch.arange(n, dtype=over[0].dtype, device=over[0].device)
+    low, high = ((end[..., None] * n - number).clamp(0, 1) - 0.5 for end in over)
+    power = torch.arange(1, n_power + 1, device=low.device)
+    return (high[..., None] ** power - low[..., None] ** power) / power
+
+
 def _strips(
     over: tuple[Tensor, Tensor], n: int, factor: Tensor
 ) -> tuple[Tensor, Inexact[Tensor, "*batch n 5"], Inexact[Tensor, "*batch n 5"]]:
@@ -106,11 +155,8 @@ def _strips(
 
     The first is the mean of what is covered and of what a mean would be, over all powers.
     """
-    number = torch.arange(n, dtype=over[0].dtype, device=over[0].device)
-    low, high = ((end[..., None] * n - number).clamp(0, 1) - 0.5 for end in over)
-    whole = WHOLE.to(low)
-    power = (POWERS + 1).to(low.device)
-    covered = (high[..., None] ** power - low[..., None] ** power) / power
+    covered = _covered(over, n, BENT)
+    whole = WHOLE[:BENT].to(covered)
     part = covered[..., :1]
     beside = (factor[..., None, None] - 1) * (covered - part * whole)
     weaker = 1 / factor[..., None] - 1

@@ -46,6 +46,8 @@ class Section(NamedTuple):
     uneven: Float[Tensor, "*batch n_element n_entry n_power"] | None = None
     # The same of stiffness_factor · loss_factor.
     uneven_loss: Float[Tensor, "*batch n_element n_entry n_power"] | None = None
+    # The same of what density is more at a place in an element than its mean, powers up to 6 [kg/m³].
+    uneven_density: Float[Tensor, "*batch n_element 49"] | None = None
 
     @property
     def areal_mass(self) -> Float[Tensor, "*batch n_element"]:
@@ -89,6 +91,16 @@ class Section(NamedTuple):
         more = 2 * beyond / (1 - square)
         cross = mean + (1 + square) / (1 - square) * beyond / square.clamp(min=torch.finfo(square.dtype).tiny)
         return self._replace(loss_factor=torch.stack(torch.broadcast_tensors(x + more, y + more, cross, twist), dim=-1))
+
+    def lossier(self, more: Float[Tensor, "*#batch #n_element #n_entry"]) -> "Section":
+        """With so much more of the elements' own loss factors [-], in elements that are not the same all over, too."""
+        loss = more if self.loss_factor is None else self.loss_factor + more
+        if self.uneven is None:
+            return self._replace(loss_factor=loss)
+        lost = self.uneven * more[..., None]
+        return self._replace(
+            loss_factor=loss, uneven_loss=lost if self.uneven_loss is None else self.uneven_loss + lost
+        )
 
     @property
     def sound_rigidity(self) -> Float[Tensor, "*batch n_element 3 3"]:

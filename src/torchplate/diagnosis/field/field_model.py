@@ -13,7 +13,7 @@ from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.discrepancy import Elements, Found, Specimens, matrix_columns
 from torchplate.effects import Field, plate_scale
 from torchplate.model import PlateModel, Searched
-from torchplate.plate import Plan
+from torchplate.plate import Plan, stiffness_coefficient
 
 LABEL: Final = "field"
 
@@ -109,13 +109,13 @@ class FieldModel:
             factor = section.stiffness_factor.movedim(-1, 0)[..., None, None]
             along_x, along_y, cross, twist = factor * section.sound_parts
             changes = [
-                assembly.stiffness_coefficient(one, plan.geometry)
+                stiffness_coefficient(one, plan.geometry)
                 for one in (along_x + 0.5 * cross, along_y + 0.5 * cross, twist)
             ]
             found = torch.stack([elements.stiffness(hat, one) for one in changes for hat in hats])
             return 0.5 * (found + found.mT), nothing
         rigidity = section.rigidity.mean(-3)[None]
         stiff = section.rigidity[..., 0, 0] / rigidity[..., 0, 0]
-        coefficient = assembly.stiffness_coefficient(rigidity, plan.geometry)
+        coefficient = stiffness_coefficient(rigidity, plan.geometry)
         found = torch.stack([elements.stiffness(one * stiff, coefficient) for one in hats])
         return 0.5 * (found + found.mT), nothing

@@ -97,7 +97,7 @@ def reduce(
         # All of these are one.
         estimated, seen = more, more
     reached = frequency
-    if (found := factors(model.assembly, model.plan(build[0]), model.plan(everyone))) is not None:
+    if (found := factors(model.plan(build[0]), model.plan(everyone))) is not None:
         # All have the modes of the first; the softest and heaviest reads them furthest above the band.
         build = build[:1]
         if frequency is not None:
@@ -236,8 +236,9 @@ def sharing_modes(model: PlateModel) -> PlateModel | None:
     """
     if model.damping_factor is not None or model.assembly.basis is None:
         return None
-    build, _, _, ends = _members(model)
-    found = find_shared_modes(model.assembly, model.plan(build[0]), model.plan(torch.cat([build, ends])))
+    # At its ends alone a hole has no area, or no plate is left.
+    build, _, inside, ends = _members(model)
+    found = find_shared_modes(model.assembly, model.plan(build[0]), model.plan(torch.cat([build, inside, ends])))
     if found is None:
         return None
     turn, shared = found
@@ -296,7 +297,7 @@ def shares_basis(model: PlateModel, one: Plan, other: Plan, n_mode: int) -> bool
     ):
         # One differs from place to place.
         return False
-    if (found := factors(model.assembly, one, other)) is None:
+    if (found := factors(one, other)) is None:
         return False
     return bool(((found[0] / found[1]).sqrt() - 1).abs() <= SHARED)
 

@@ -56,4 +56,4 @@ def _all_alike(model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> bool:
     n = len(model.names)
     position = torch.cat([torch.full((1, n), 0.5, dtype=torch.float64), two_level_design(n)]).to(model.known)
     members = torch.cat([model.space.to_si(position), theta[None]])
-    return multiples(model.assembly, model.plan(members[0]), model.plan(members)) is not None
+    return multiples(model.plan(members[0]), model.plan(members)) is not None

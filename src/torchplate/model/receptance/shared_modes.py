@@ -37,7 +37,11 @@ from torchplate.plate import (
     common_shape,
     concatenate,
     is_vmapped,
+    mass_coefficient,
+    stiffness_coefficient,
     transformed,
+    uneven_coefficient,
+    uneven_mass_coefficient,
 )
 
 # Attaching terms one after the other costs the square of their number; with more, one `eigh` each is cheaper.
@@ -150,7 +154,7 @@ class SharedModes(nn.Module):
             right: modal deflections at the references [1/√kg].
             in_single: products and sums in single precision, for values alone, and where no place is searched.
         """
-        stiffness, mass = _coefficients(assembly, plan)
+        stiffness, mass = _coefficients(plan)
         e, m = stiffness[..., self.entry[0], self.entry[1]] / self.stiffness, mass[..., 0, 0] / self.mass
         damping = assembly.proportional(plan.damping)
         attached = self._attached(assembly, plan, e, m)
@@ -220,10 +224,10 @@ class SharedModes(nn.Module):
         return Attached(concatenate(rows, 2), together[0], together[1], together[2], hung)
 
 
-def _coefficients(assembly: Assembly, plan: Plan) -> tuple[Tensor, Tensor]:
+def _coefficients(plan: Plan) -> tuple[Tensor, Tensor]:
     return (
-        assembly.stiffness_coefficient(plan.section.rigidity, plan.geometry),
-        assembly.mass_coefficient(plan.section.areal_mass, plan.geometry),
+        stiffness_coefficient(plan.section.rigidity, plan.geometry),
+        mass_coefficient(plan.section.areal_mass, plan.geometry),
     )
 
 
@@ -232,31 +236,29 @@ def _least(value: Float[Tensor, "*batch n_term"]) -> Float[Tensor, " n_term"]:
     return value.reshape(-1, value.shape[-1]).amin(0)
 
 
-def factors(assembly: Assembly, nominal: Plan, members: Plan) -> tuple[Tensor, Tensor] | None:
+def factors(nominal: Plan, members: Plan) -> tuple[Tensor, Tensor] | None:
     """Stiffness and mass factor of all members; None where they are no multiples of the nominal plate.
 
     Members to which too much is attached count as none: an `eigh` for each is then cheaper.
 
     Args:
-        assembly: in all dofs or in a basis.
         nominal: one member.
         members: a batch of them, wide enough to show what moves.
     """
     if members.section.loss_factor is not None or sum(term.vector.shape[-2] for term in members.terms) > MOST_TERMS:
         return None
-    return multiples(assembly, nominal, members)
+    return multiples(nominal, members)
 
 
-def multiples(assembly: Assembly, nominal: Plan, members: Plan) -> tuple[Tensor, Tensor] | None:
+def multiples(nominal: Plan, members: Plan) -> tuple[Tensor, Tensor] | None:
     """The same, whatever is attached and lost: then the bare plates have one set of modes.
 
     Args:
-        assembly: in all dofs or in a basis.
         nominal: one member.
         members: a batch of them.
     """
     found = []
-    for one, many in zip(_coefficients(assembly, nominal), _coefficients(assembly, members), strict=True):
+    for one, many in zip(_coefficients(nominal), _coefficients(members), strict=True):
         largest = one.abs().flatten().argmax()
         factor = many.flatten(-2)[..., largest, None] / one.flatten()[largest]
         error = (many.flatten(-2) - factor * one.flatten()).abs()
@@ -279,13 +281,13 @@ def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple
         nominal: one member.
         members: a batch of them, wide enough to show what moves.
     """
-    found = factors(assembly, nominal, members)
+    found = factors(nominal, members)
     if found is None:
         return None
     section, geometry = nominal.section, nominal.geometry
-    uneven = assembly.uneven_coefficient(section, section.uneven, geometry)
+    uneven = uneven_coefficient(section, section.uneven, geometry)
     stiffness = assembly.stiffness(section.rigidity, geometry, uneven)
-    mass = assembly.mass(section.areal_mass, geometry)
+    mass = assembly.mass(section.areal_mass, geometry, uneven_mass_coefficient(section, geometry))
     for added in nominal.added:
         mass = mass + added.coefficient * assembly.added_mass(added)
     spring, lump = [], []
@@ -300,7 +302,7 @@ def find_shared_modes(assembly: Assembly, nominal: Plan, members: Plan) -> tuple
         stiffness, mass = stiffness + row.mT @ (spring[-1][:, None] * row), mass + row.mT @ (lump[-1][:, None] * row)
     modes = solve_modes(stiffness, mass)
     nothing = stiffness.new_zeros(0)
-    whole = Nominal(*_coefficients(assembly, nominal), torch.cat([nothing, *spring]), torch.cat([nothing, *lump]))
+    whole = Nominal(*_coefficients(nominal), torch.cat([nothing, *spring]), torch.cat([nothing, *lump]))
     parts = torch.broadcast_tensors(
         found[1] / found[0], *(torch.as_tensor(part).to(mass) for part in assembly.proportional(members.damping))
     )
