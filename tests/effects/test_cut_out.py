@@ -3,7 +3,16 @@
 import pytest
 import torch
 
-from torchplate.effects import CutOut, DirectionalDamping, HystereticDamping, Plate, SupportSpring
+from torchplate.effects import (
+    CutOut,
+    DampingPatch,
+    DirectionalDamping,
+    Effect,
+    HystereticDamping,
+    Plate,
+    StiffnessLoss,
+    SupportSpring,
+)
 from torchplate.effects.cut_out import MASS_LEFT
 from torchplate.model import PlateModel, Searched, SparseModel, sharing_modes
 from torchplate.plate import Mesh, uneven_mass_coefficient
@@ -108,3 +117,30 @@ def test_where_the_base_moves_the_plate_it_is_as_heavy_as_what_is_left_of_it() -
     left = 1 - (1 - MASS_LEFT) * (corners[2] - corners[0]) * (corners[3] - corners[1])
     plate = METAL["plate.density"] * METAL["plate.thickness"] * SIDES[0] * SIDES[1]
     assert float(load @ rigid) == pytest.approx(left * plate, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        (CutOut, (0.37, 0.36, 0.64, 0.61)),
+        (CutOut, (0.55, 0.52, 0.71, 0.66)),
+        (StiffnessLoss, (0.5, 0.45, 0.31, 0.3, 0.7)),
+        (DampingPatch, (0.5, 0.45, 0.31, 0.2, 0.7)),
+    ],
+)
+@pytest.mark.parametrize("turn", [False, True])
+def test_what_a_hole_cuts_may_be_cut_by_something_else(second: tuple[type[Effect], tuple], turn: bool) -> None:
+    """Neither mass nor stiffness nor loss is negative anywhere, whichever comes first."""
+    kind, numbers = second
+    kinds = {"hole": CutOut(), "other": kind()}
+    known = METAL | {
+        f"hole.{name}": value for name, value in zip(CutOut.parameters, (0.32, 0.3, 0.58, 0.55), strict=True)
+    }
+    known |= {f"other.{name}": value for name, value in zip(kind.parameters, numbers, strict=True)}
+    effects = {"plate": Plate(), **{label: kinds[label] for label in sorted(kinds, reverse=turn)}}
+    system = PlateModel(Mesh(*SIDES, *CELLS), effects, known).system(NONE)
+    for matrix in (system.mass, system.stiffness, system.hysteretic):
+        if matrix is not None:
+            # In units of each dof's own, of which slopes and deflections have others.
+            scale = matrix.diagonal().abs().clamp(min=1e-300).rsqrt()
+            assert float(torch.linalg.eigvalsh(scale[:, None] * matrix * scale)[0]) > -1e-9

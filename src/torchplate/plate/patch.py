@@ -43,14 +43,18 @@ def patched(
     """
     outline = mesh.outline(x, y, size, aspect)
     mean = laminate(factor[..., None], *mesh.overlap(*outline), section.poisson_ratio)
-    uneven = uneven_bending(mesh, *outline, factor, section.poisson_ratio)
+    uneven = uneven_bending(mesh, *outline, factor, section.poisson_ratio) * section.stiffness_factor[..., None]
+    cut = None if section.uneven_density is None else section.uneven_density.ne(0).any(-1)[..., None, None]
     if not factor.is_complex():
-        return section._replace(stiffness_factor=section.stiffness_factor * mean, uneven=_sum(section.uneven, uneven))
+        return section._replace(
+            stiffness_factor=section.stiffness_factor * mean,
+            uneven=_over(cut, section.uneven, mean, uneven),
+        )
     return section._replace(
         stiffness_factor=section.stiffness_factor * mean.real,
         loss_factor=_sum(section.loss_factor, mean.imag / mean.real),
-        uneven=_sum(section.uneven, uneven.real),
-        uneven_loss=_sum(section.uneven_loss, uneven.imag),
+        uneven=_over(cut, section.uneven, mean.real, uneven.real),
+        uneven_loss=_over(cut, section.uneven_loss, mean.real, uneven.imag),
     )
 
 
@@ -83,15 +87,34 @@ def without(
     bent = (left[0] - 1) * uneven[..., :BENT, :BENT].flatten(-2)[..., None, :]
     bent = bent * section.stiffness_factor.expand(*section.stiffness_factor.shape[:-1], 4)[..., None]
     heavy = (left[1] - 1) * uneven.flatten(-2) * section.density[..., None]
+    cut = None if section.uneven is None else section.uneven.ne(0).any(-1).any(-1)[..., None, None]
+    heavy_cut = None if section.uneven_density is None else section.uneven_density.ne(0).any(-1, keepdim=True)
     found = section._replace(
         stiffness_factor=section.stiffness_factor * stiffness[..., None],
         density=section.density * mass,
-        uneven=_sum(section.uneven, bent),
-        uneven_density=_sum(section.uneven_density, heavy),
+        uneven=_over(cut, section.uneven, stiffness[..., None], bent),
+        uneven_density=_over(heavy_cut, section.uneven_density, mass, heavy),
     )
     if section.loss_factor is None:
         return found
-    return found._replace(uneven_loss=_sum(section.uneven_loss, bent * section.loss_factor[..., None]))
+    lost = bent * section.loss_factor[..., None]
+    return found._replace(uneven_loss=_over(cut, section.uneven_loss, stiffness[..., None], lost))
+
+
+def _over(cut: Tensor | None, before: Tensor | None, factor: Tensor, more: Tensor) -> Tensor:
+    """How two things go over an element: one after the other; where the first cuts it, the second as its mean.
+
+    Twice nothing is nothing, and a sum of both would be less.
+
+    Args:
+        cut: where the first one cuts elements; None where there is no hole in it.
+        before: how that goes over elements; None where it does not.
+        factor: mean of the second one.
+        more: how that goes over elements.
+    """
+    if cut is None:
+        return _sum(before, more)
+    return torch.where(cut, 0.0 if before is None else before * factor[..., None], _sum(before, more))
 
 
 def _sum(one: Tensor | None, other: Tensor) -> Tensor:
