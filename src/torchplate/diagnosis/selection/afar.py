@@ -59,6 +59,11 @@ class FromAfar:
         before = 0.5 * float(given.residual(position, self.builder.target.levels - 2).square().sum())
         return promise._replace(model=problem.model, starts=starts, drop=max(promise.drop, 1 - float(left[0]) / before))
 
+    def beside_itself(self, state: State, promise: Scored) -> Scored:
+        """The same in modes of the plates that it starts from: those of a plate without a hole are too stiff for it."""
+        whole, margin = with_candidate(state.fit.model, promise.label, promise.candidate), self.settings.meshes.roughly
+        return promise._replace(model=self.builder.reduced(whole, whole.space.to_si(promise.starts), margin=margin))
+
     def from_force(self, state: State, base: PlateModel, scored: Sequence[Scored]) -> list[Scored]:
         """A start more for what acts at a point, where the residual force says that it is, and as large."""
         target, fit = self.builder.target, state.fit
@@ -86,6 +91,8 @@ class FromAfar:
         stuck = [name for name, on in zip(given.names, edge, strict=True) if on]
         ways: list[tuple[float, Scored, Tensor]] = []
         for promise in promises:
+            if promise.candidate.is_hole:
+                promise = self.beside_itself(state, promise)
             starts = promise.starts
             if stuck:
                 # On the edge of its interval it stands in for what is missing: the better starts also from the middle.
