@@ -92,6 +92,8 @@ def hide(name: str, options: Mapping[str, object] | None = None, **values: float
 
 
 MASS = hide("point_mass", x=0.72, y=0.31, mass=0.06)
+HOLE = hide("cut_out", x0=0.43, y0=0.31, x1=0.57, y1=0.47)
+SMALL_HOLE = hide("cut_out", x0=0.71, y0=0.33, x1=0.79, y1=0.41)
 FLIPPED = hide("channel_polarity", {"channels": ((None, 9),)})
 CASES = {
     "nothing": ((), YOUNG, {}),
@@ -791,13 +793,18 @@ def test_beside_a_finer_mesh_candidates_promise_what_they_would_on_it(lab, monke
 
 @torch.no_grad()
 @pytest.mark.check
-def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab):
-    """Under a mass, whose force the elements do not follow; against a mesh of 10,000 elements."""
-    true = plate(hidden=(MASS,))
-    searched = {"hidden_0.mass": Searched(0.03, 0.1)}
+@pytest.mark.parametrize(
+    ("hidden", "name", "low", "high", "most"),
+    [(MASS, "mass", 0.03, 0.1, 3), (HOLE, "x1", 0.4, 0.7, 30), (SMALL_HOLE, "y1", 0.3, 0.5, 150)],
+    ids=["mass", "hole", "small hole"],
+)
+def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab, hidden, name, low, high, most):
+    """Under a mass, whose force the elements do not follow; at corners of a hole at most. Against 10,000 elements."""
+    true = plate(hidden=(hidden,))
+    searched = {f"hidden_0.{name}": Searched(low, high)}
     known = {key: value for key, value in true.known_values.items() if key not in searched}
     model = true.replaced(known=known, searched=searched)
-    theta = torch.tensor([MASS[1]["mass"]], dtype=torch.float64)
+    theta = torch.tensor([hidden[1][name]], dtype=torch.float64)
     frf = true.frf(lab.nobody, LINES)
     std = lab.true_std(frf, 1e-3, "mixed")
     noise, none = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std)), torch.zeros(2, 3, dtype=torch.bool)
@@ -816,9 +823,9 @@ def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab):
     fine = State(given, fit(finer, given, start, wide=False))
     marginal = fine.fit.marginal
     left = float(marginal.whitened(marginal.over_noise(truth - fine.fit.expected)).square().sum())
-    # 2.0 and 0.8: it need not be sharp, and it is no less than what is left.
+    # It need not be sharp, and it is no less than what is left.
     expected = selection.settling.left_by_mesh(coarse, fine, finer)
-    assert left < float(marginal.whitened(marginal.over_noise(expected)).square().sum()) < 3 * left
+    assert left < float(marginal.whitened(marginal.over_noise(expected)).square().sum()) < most * left
 
 
 @torch.no_grad()

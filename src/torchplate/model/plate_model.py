@@ -299,6 +299,10 @@ class PlateModel(PlateVariants):
         response, reference, _ = self._points(None, None, None)
         return rearranged(frf, effect, self.mesh, self._nominal(), response, reference)
 
+    def has_hole(self, theta: Numbers) -> bool:
+        """Whether there is a hole, a notch or a missing corner, left out of the mesh or made by an effect."""
+        return bool(self.mesh.cut) or self.plan(self._theta(theta, False)[0]).section.uneven_density is not None
+
     def excitation(self, plan: Plan, reference: Tensor | None) -> Float[Tensor, "*batch n_reference n"]:
         """Rows of the forces; the base's unit acceleration loads the plate with its inertia."""
         if reference is not None:

@@ -129,10 +129,13 @@ class Settling:
     ) -> Complex[Tensor, "n_frequency n_response n_reference"]:
         """Change of the FRFs that the finer mesh may have left, from what two differ by where both are fitted.
 
-        What is left is of the second order in a side: on meshes of n and N elements, e_N = (e_n − e_N) n / (N − n).
+        What is left is of the second order in a side: on meshes of n and N elements, e_N = (e_n − e_N) n / (N − n). At
+        the corners of a hole moments are singular, and it is of the first at worst: e_N = (e_n − e_N) / (√(N/n) − 1).
         """
-        n, further = self.builder.mesh.n_element, finer.mesh.n_element - self.builder.mesh.n_element
-        return (coarse.fit.expected - fine.fit.expected) * (n / further if further > 0 else 0.0)
+        times = finer.mesh.n_element / self.builder.mesh.n_element
+        if fine.model.has_hole(fine.fit.theta):
+            times = times**0.5
+        return (coarse.fit.expected - fine.fit.expected) * (1 / (times - 1) if times > 1 else 0.0)
 
     def on_a_finer_mesh(self, state: State) -> ModelBuilder:
         """What builds the last models, with the mesh error taken off where a state is."""
