@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from torchplate.diagnosis.candidates.candidate import CORNERS
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.result import Estimate
 from torchplate.diagnosis.settings import SETTINGS
@@ -47,13 +48,14 @@ def estimates(fit: Fit, top: float) -> dict[str, Estimate]:
 
 
 def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: float) -> Float[Tensor, " n_parameter"]:
-    """What the mesh leaves of the strength and the place of what sits at a place, in their units; else zero.
+    """What the mesh leaves of the strength and the place of what sits at a place, and of holes, in their units.
 
     Around a force the deflection goes with r² ln r, which no polynomial of an element follows: under it the mesh gives
     more than the plate by c = `Meshes.give` side² / D. A dynamic stiffness z acts as z / (1 + z c): its strength is off
     by the part |z| c, which is largest at the band's end. As much, to the mode that is shortest there, is a step of
     |z| c / (2 k) along the plate, k its wave number: an effect acts with the square of the deflection at its place. A
-    mass that moves with the sensor sits at each response in turn.
+    mass that moves with the sensor sits at each response in turn. A hole is not quite as large as the one that gives a
+    mesh the modes of the plate; see `Meshes.corner`. Of all else nothing is known to be left, which is a zero.
 
     Args:
         model: that was fitted.
@@ -70,6 +72,13 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
     metal = section.youngs_modulus, section.poisson_ratio, section.density, section.thickness
     wave = bending_wavelength(top, *(float(own.mean()) for own in metal))
     for label, effect in model.effects.items():
+        if effect.parameters.keys() == CORNERS:
+            hole = math.prod(abs(float(values[label][f"{axis}1"] - values[label][f"{axis}0"])) for axis in sides)
+            off = SETTINGS.meshes.corner * side**2 / math.sqrt(max(hole, 1e-300) * math.prod(sides.values()))
+            for axis, length in sides.items():
+                held = [index[name] for end in "01" if (name := f"{label}.{axis}{end}") in index]
+                left[held] = off / length
+            continue
         held = [index[name] for key in STRENGTHS if (name := f"{label}.{key}") in index]
         force = _force(model, effect, values[label], top) if held else None
         if force is None:
