@@ -873,6 +873,12 @@ def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab
         monkeypatch.setattr(settling, "fit", lambda *_, theta=theta, **__: fit._replace(theta=theta))
         selection.settling.settled(state)
         assert asked.pop() == expected
+    # And what took the place of another on the finer mesh, not what was there before.
+    other = replace(naming)
+    monkeypatch.setattr(selection.exchange, "beside_those_in_doubt", lambda state, *_: replace(state, named=(other,)))
+    selection.settling.settled(state, True)
+    ((found,),) = asked
+    assert found is other
 
 
 @torch.no_grad()

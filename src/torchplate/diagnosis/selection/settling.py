@@ -82,10 +82,10 @@ class Settling:
         if little:
             settled = self.exchange.beside_those_in_doubt(settled, state.fit, builder)
             small = self.settings.small_gap * target.floor
-            last = state.named[-1] if doubted else None
+            last = settled.named[-1] if doubted else None
             again = tuple(
                 one
-                for one in state.named
+                for one in settled.named
                 if one.before.left < small or one is last or self._is_nothing(one, settled.fit)
             )
             settled = self.exchange.without_needless(settled, builder, again)
