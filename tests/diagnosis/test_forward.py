@@ -882,6 +882,20 @@ def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab
 
 
 @torch.no_grad()
+def test_beside_a_hole_the_finer_mesh_is_asked_whatever_is_left(lab, monkeypatch):
+    scene, asked = lab.Scene(hidden={"gain": 1.0}), []
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    many = 2 * SETTINGS.selecting.doubtful * scene.fit.judged.n
+    far = replace(scene.state, fit=lab.leaving(scene.fit, many))
+    monkeypatch.setattr(selection.settling, "ended", lambda state, _: asked.append(state) or state)
+    assert selection._explained(far) is None
+    assert not asked
+    monkeypatch.setattr(PlateModel, "has_hole", lambda *_: True)
+    assert selection._explained(far) is far
+    assert asked == [far]
+
+
+@torch.no_grad()
 def test_where_oversized_nuisances_leave_noise_squares_do_not_say_what_explains_something(lab):
     """A window that takes hundreds from −2 ln L, and one part in thirty from a sum of squares that is noise."""
     scene = lab.Scene(hidden={"gain": 1.0})

@@ -106,6 +106,15 @@ def test_plates_whose_hole_is_searched_share_no_modes() -> None:
     assert sharing_modes(model.projected(model.modes(theta).shape[0, :, :40])) is None
 
 
+def test_a_model_says_whether_there_is_a_hole() -> None:
+    corners = HOLES["hole"]
+    assert [model.has_hole(NONE) for model in (build(None), build(corners), build(None, (corners,)))] == [
+        False,
+        True,
+        True,
+    ]
+
+
 def test_where_the_base_moves_the_plate_it_is_as_heavy_as_what_is_left_of_it() -> None:
     corners = (0.32, 0.3, 0.58, 0.55)
     model = build(corners)

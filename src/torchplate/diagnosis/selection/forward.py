@@ -298,8 +298,7 @@ class ForwardSelection:
             state: a model with what was named.
             doubted: whether what was named last is, whatever it closed: a finer mesh left nothing but noise without it.
         """
-        fit = state.fit
-        if not is_noise(fit) and (not fit.by_noise or fit.reduced_misfit > self.settings.doubtful):
+        if not is_noise(state.fit) and not self.settling.is_little(state):
             return None
         ended = self.settling.ended(state, doubted)
         return ended if ended is state or is_explained(ended.fit, self.builder.target) else None

@@ -51,13 +51,14 @@ class Settling:
         ended = self.ended(state)
         if not ended.named:
             return ended
-        builder = self.on_a_finer_mesh(ended) if self._is_little(ended) else self.builder
+        builder = self.on_a_finer_mesh(ended) if self.is_little(ended) else self.builder
         kept = self.exchange.without_improbable(ended, builder)
         return kept if kept.named else self.ended(begun)
 
-    def _is_little(self, state: State) -> bool:
-        """Whether so little is left that the mesh may be what that is."""
-        return state.fit.by_noise and state.fit.reduced_misfit < self.settings.doubtful
+    def is_little(self, state: State) -> bool:
+        """Whether so little is left that the mesh may be what that is; beside a hole it may be more."""
+        little = state.fit.reduced_misfit <= self.settings.doubtful
+        return state.fit.by_noise and (little or state.model.has_hole(state.fit.theta))
 
     def settled(self, state: State, doubted: bool = False) -> State:
         """The last model once more, with the mesh error taken off where it now is.
@@ -69,7 +70,7 @@ class Settling:
         if not state.named and is_noise(state.fit):
             return state
         state = self.exchange.judged_again(state)
-        little = self._is_little(state)
+        little = self.is_little(state)
         if not little and not state.named:
             return state
         if little:
