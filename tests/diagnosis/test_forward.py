@@ -885,8 +885,9 @@ def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab
 def test_beside_a_hole_the_finer_mesh_is_asked_whatever_is_left(lab, monkeypatch):
     scene, asked = lab.Scene(hidden={"gain": 1.0}), []
     selection = ForwardSelection(scene.builder, {}, lambda _: None)
-    many = 2 * SETTINGS.selecting.doubtful * scene.fit.judged.n
-    far = replace(scene.state, fit=lab.leaving(scene.fit, many))
+    times = 2 * SETTINGS.selecting.doubtful
+    fit = lab.leaving(scene.fit, times * scene.fit.judged.n)
+    far = replace(scene.state, fit=fit._replace(judged=fit.judged._replace(noise_scale=times**0.5)))
     monkeypatch.setattr(selection.settling, "ended", lambda state, _: asked.append(state) or state)
     assert selection._explained(far) is None
     assert not asked
