@@ -384,7 +384,11 @@ def _forces(
     for term in plan.terms:
         row, springs = model.assembly.rows(term.vector), term.stiffness
         if len(row) > modes.shape[-1] and springs is not None and bool(springs.any()):
-            row = (springs[:, None] * (row @ modes)).mT @ row
+            pushed = [row @ modes]
+            if model.assembly.correction is not None:
+                # What the correction adds to that pushes, too.
+                pushed.append(term.vector[..., model.assembly.free] @ modes)
+            row = (springs[:, None] * torch.cat(pushed, dim=-1)).mT @ row
         rows.append(row)
     if channels:
         rows += [_at(model, points, theta) for points in (model.response, model.reference) if points]
