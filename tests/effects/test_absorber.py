@@ -174,3 +174,14 @@ def test_it_rides_on_a_base_that_moves() -> None:
     expected = 1 + omega[:, None] ** 2 * np.array(solved)
     for found in (model.frf(NONE, LINES), model.frf_direct(NONE, LINES)):
         assert distance(found[..., 0], torch.from_numpy(expected)) < 1e-9
+
+
+def test_a_mass_on_rubber_is_looked_for():
+    """A quarter of critical damping, of the heaviest mass on the stiffest spring."""
+    plan = build(BARE).plan(NONE)
+    high = {
+        name: Absorber.parameters[name].prior_interval(plan.section, plan.geometry).high
+        for name in ("mass", "stiffness", "viscous_damping")
+    }
+    critical = 2 * (high["mass"] * high["stiffness"]) ** 0.5
+    assert high["viscous_damping"] / critical == pytest.approx(0.25)

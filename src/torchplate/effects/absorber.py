@@ -38,7 +38,8 @@ class Absorber(Effect):
             "N s/m",
             "of the dashpot beside the spring",
             nonnegative,
-            prior=Prior(1e-4, 0.3, logarithmic=True, relative_to="plate"),
+            # Up to a quarter of what is critical for the heaviest on the stiffest spring: rubber.
+            prior=Prior(1e-4, 5.0, logarithmic=True, relative_to="plate"),
         ),
     }
     check = Check(1, "touch, tape down or take off what can move against the plate near the place found")
