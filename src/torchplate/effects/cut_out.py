@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchplate.effects.effect import Check, Effect, Value
 from torchplate.effects.parameter import Parameter, Prior, unit_interval
-from torchplate.plate import Mesh, Section, without
+from torchplate.plate import Mesh, Section, with_hole
 
 # What is left of bending stiffness and mass where there is no plate: little enough not to be felt, and the mass so much
 # less that what is left there has its natural frequencies ten times as high as a plate would.
@@ -40,7 +40,7 @@ class CutOut(Effect):
         """What is left of the bending and of the mass of each element."""
         corner = [torch.stack(torch.broadcast_tensors(*(value[f"{axis}{end}"] for end in "01"))) for axis in "xy"]
         over_x, over_y = (_sorted(pair) for pair in corner)
-        return without(section, mesh, over_x, over_y, (STIFFNESS_LEFT, MASS_LEFT))
+        return with_hole(section, mesh, over_x, over_y, (STIFFNESS_LEFT, MASS_LEFT))
 
 
 def _sorted(pair: Tensor) -> tuple[Tensor, Tensor]:

@@ -29,7 +29,7 @@ from torchplate.plate.correction import Correction, Unevenness
 from torchplate.plate.laminate import laminate
 from torchplate.plate.material import MATERIALS, Material, find_material
 from torchplate.plate.mesh import EDGES, Mesh
-from torchplate.plate.patch import patched, uneven_bending, without
+from torchplate.plate.patch import patched, uneven_bending, with_hole
 from torchplate.plate.power_law import LOWEST_FREQUENCY, REFERENCE_FREQUENCY
 from torchplate.plate.prolongation import prolongation
 from torchplate.plate.section import (
@@ -97,5 +97,5 @@ __all__ = [
     "uneven_bending",
     "uneven_coefficient",
     "uneven_mass_coefficient",
-    "without",
+    "with_hole",
 ]

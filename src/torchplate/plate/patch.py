@@ -58,7 +58,7 @@ def patched(
     )
 
 
-def without(
+def with_hole(
     section: Section,
     mesh: Mesh,
     over_x: tuple[Float[Tensor, "*#batch"], Float[Tensor, "*#batch"]],
