@@ -190,6 +190,24 @@ def test_what_sits_on_the_edge_of_its_interval_starts_from_the_middle_too(lab, m
 
 
 @torch.no_grad()
+def test_what_runs_along_a_line_takes_the_place_of_no_other(lab, monkeypatch):
+    """Seven numbers come near nearly everything: a clamp that yields was the sixth of six, and left out."""
+    scene = lab.Scene()
+    base = scene.builder.reduced(scene.fit.model, scene.fit.theta[None], by_element=True)
+    names = ["rib", "sensor_gain", "density", "point_mass", "ground_spring", "orthotropy", "stiffness_loss"]
+    every = screen(scene.builder, base, scene.fit.theta, [scene.candidate(name) for name in names], {})
+    near = {one.label: 1 + 0.01 * names.index(one.candidate.name) for one in every}
+
+    def descend(problem, start, *_, **__):
+        (value,) = (near[label] for label in problem.model.effects if label in near)
+        return start, start.new_full((len(start),), value)
+
+    monkeypatch.setattr(afar, "one_level", descend)
+    found = [promise.candidate.name for promise, _ in scene.ranking.afar.down(scene.state, every)]
+    assert found[: SETTINGS.screening.n_sharp + 1] == names[:-1]
+
+
+@torch.no_grad()
 @pytest.mark.check
 def test_the_residual_force_says_where_to_start_and_how_large(lab):
     # 5 % of the plate: peaks do not overlap.

@@ -124,6 +124,11 @@ class Candidate:
         return {"x", "y"} <= self.searched.keys()
 
     @property
+    def is_line(self) -> bool:
+        """Whether it runs along a line from one place to another, with strengths."""
+        return self.searched.keys() > CORNERS
+
+    @property
     def is_hole(self) -> bool:
         """Whether it is a rectangle without plate: its corners are all there is of it."""
         return self.searched.keys() == CORNERS

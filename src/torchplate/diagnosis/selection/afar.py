@@ -108,7 +108,10 @@ class FromAfar:
                 ends.append((float(value[0]), promise, starts))
             ends.sort(key=lambda one: one[0])
             ways = [one for rank, one in enumerate(ends) if rank < n_best or one[0] <= screening.near * ends[0][0]]
-        ended = ways[: screening.n_sharp]
+        # What runs along a line comes near nearly everything, by seven numbers: it takes the place of no other.
+        others = [rank for rank, (_, promise, _) in enumerate(ways) if not promise.candidate.is_line]
+        n_ended = others[screening.n_sharp - 1] + 1 if len(others) >= screening.n_sharp else len(ways)
+        ended = ways[:n_ended]
         simpler = {name for _, promise, _ in ended for name in promise.candidate.effect.contains}
-        ended += [one for one in ways[screening.n_sharp :] if one[1].candidate.name in simpler]
+        ended += [one for one in ways[n_ended:] if one[1].candidate.name in simpler]
         return [(promise, starts[:n_best]) for _, promise, starts in ended]
