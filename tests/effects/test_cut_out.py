@@ -153,3 +153,10 @@ def test_what_a_hole_cuts_may_be_cut_by_something_else(second: tuple[type[Effect
             # In units of each dof's own, of which slopes and deflections have others.
             scale = matrix.diagonal().abs().clamp(min=1e-300).rsqrt()
             assert float(torch.linalg.eigvalsh(scale[:, None] * matrix * scale)[0]) > -1e-9
+
+
+def test_a_sliver_of_an_element_costs_digits_and_no_more() -> None:
+    """What is left of an element that a hole covers but for a three-hundredth has next to no mass."""
+    model = build((0.3 + 3e-4, 0.25 + 3e-4, 0.6, 0.5))
+    found, expected = model.frf(NONE, LINES), model.frf_direct(NONE, LINES)
+    assert float((found - expected).norm() / expected.norm()) < 1e-6

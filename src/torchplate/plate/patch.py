@@ -18,7 +18,7 @@ from torchplate.plate.section import Section
 # since deflections have cubes.
 BENT, MOVED = 5, 7
 # The same over a whole side, from its middle.
-WHOLE = torch.tensor([1.0, 0.0, 1 / 12, 0.0, 1 / 80, 0.0, 1 / 448], dtype=torch.float64)
+WHOLE = torch.tensor([1.0, 0.0, 1 / 12, 0.0, 1 / 80], dtype=torch.float64)
 
 
 def patched(
@@ -81,7 +81,9 @@ def with_hole(
     """
     covered = [_covered(over, n, MOVED) for over, n in zip((over_x, over_y), mesh.cells, strict=True)]
     every = _both(mesh, *covered)
-    inside, whole = every[..., 0, 0], WHOLE.to(every)
+    inside = every[..., 0, 0]
+    # By the same sums, so that nothing but what is left is left of an element that is inside: not even rounding.
+    whole = _powers(inside.new_tensor(-0.5), inside.new_tensor(0.5), MOVED)
     stiffness, mass = (1 - (1 - part) * inside for part in left)
     uneven = every - inside[..., None, None] * whole[:, None] * whole
     bent = (left[0] - 1) * uneven[..., :BENT, :BENT].flatten(-2)[..., None, :]
@@ -167,6 +169,11 @@ def _covered(over: tuple[Tensor, Tensor], n: int, n_power: int) -> Float[Tensor,
     """∫ ξ^p over what a strip covers of each row of elements, ξ from the middle of an element."""
     number = torch.arange(n, dtype=over[0].dtype, device=over[0].device)
     low, high = ((end[..., None] * n - number).clamp(0, 1) - 0.5 for end in over)
+    return _powers(low, high, n_power)
+
+
+def _powers(low: Float[Tensor, "*any"], high: Float[Tensor, "*any"], n_power: int) -> Float[Tensor, "*any n_power"]:
+    """∫ ξ^p from one place to another."""
     power = torch.arange(1, n_power + 1, device=low.device)
     return (high[..., None] ** power - low[..., None] ** power) / power
 
@@ -179,7 +186,7 @@ def _strips(
     The first is the mean of what is covered and of what a mean would be, over all powers.
     """
     covered = _covered(over, n, BENT)
-    whole = WHOLE[:BENT].to(covered)
+    whole = WHOLE.to(covered)
     part = covered[..., :1]
     beside = (factor[..., None, None] - 1) * (covered - part * whole)
     weaker = 1 / factor[..., None] - 1

@@ -236,9 +236,10 @@ def sharing_modes(model: PlateModel) -> PlateModel | None:
     """
     if model.damping_factor is not None or model.assembly.basis is None:
         return None
-    # At its ends alone a hole has no area, or no plate is left.
     build, _, inside, ends = _members(model)
-    found = find_shared_modes(model.assembly, model.plan(build[0]), model.plan(torch.cat([build, inside, ends])))
+    # At its ends alone a hole has no area, or no plate is left.
+    members = torch.cat([build, ends, inside] if model.has_hole(build[0]) else [build, ends])
+    found = find_shared_modes(model.assembly, model.plan(build[0]), model.plan(members))
     if found is None:
         return None
     turn, shared = found
