@@ -8,11 +8,11 @@ import torch
 
 from torchplate.diagnosis import diagnose
 from torchplate.diagnosis.estimates import left_by_mesh
-from torchplate.diagnosis.model_builder import ModelBuilder
+from torchplate.diagnosis.model_builder import ModelBuilder, OfKind
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.effects import CATALOGUE, HystereticDamping, Plate
 from torchplate.measurement import Imperfections
-from torchplate.model import PlateModel, Searched, extrapolate, on_mesh, reduce, ritz_basis, solve_modes
+from torchplate.model import Extrapolated, PlateModel, Searched, extrapolate, on_mesh, reduce, ritz_basis, solve_modes
 from torchplate.plate import EDGES, Mesh
 
 SIDE = 0.48
@@ -302,3 +302,15 @@ def test_corners_of_a_hole_end_as_far_off_as_is_taken_for_granted():
         off += (solved.solution[:4, 0] * n**2 * side).tolist()
     # 0.074: no narrower than that by much, and no wonder in size.
     assert 0.5 < torch.tensor(off).square().mean().sqrt() / SETTINGS.meshes.corner < 1.3
+
+
+def test_of_modes_that_no_finer_mesh_was_found_for_nothing_is_known_of_another_plate():
+    """Of a plate with a hole no mode but the rigid ones had its twin, and all plates were said to have no error."""
+    kind, other = torch.ones(1, 9), 1.01 * torch.ones(1, 9)
+    frequency, error = torch.linspace(0.0, 600.0, 12), torch.full((12,), 1e-6)
+    whole = OfKind(Extrapolated(None, frequency, error), kind)
+    rigid = OfKind(Extrapolated(None, frequency[:3], 0 * error[:3]), kind)
+    assert whole.holds(other, 1e-5, TOP)
+    assert not whole.holds(2 * kind, 1e-7, TOP)
+    assert not rigid.holds(other, 1e-5, TOP)
+    assert rigid.holds(kind.clone(), 1e-5, TOP)

@@ -196,7 +196,7 @@ def test_it_is_told_as_what_it_is_and_costs_no_fields(lab):
 @pytest.mark.check
 def test_what_a_force_accounts_for_is_not_named(lab):
     """A spring to the ground was named, whatever was left beside it."""
-    one = scene(lab, lambda lines: 3e4 + 250.0 * lines, refine=8)
+    one = scene(lab, lambda lines: 3e4 + 200.0 * lines, refine=8)
     target = one.builder.target
     answer = diagnose(one.builder.given, target.measurement, imperfections=target.imperfections)
     assert answer.verdict == "unexplained"

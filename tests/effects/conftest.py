@@ -53,7 +53,7 @@ EXAMPLES = {
         {},
         {"x0": 0.12, "y0": 0.23, "x1": 0.87, "y1": 0.71, "bending": 60.0, "torsion": 25.0, "mass_per_length": 0.3},
     ),
-    "cut_out": Example({}, {"x0": 0.27, "y0": 0.33, "x1": 0.57, "y1": 0.81}),
+    "cut_out": Example({}, {"x0": 0.22, "y0": 0.33, "x1": 0.57, "y1": 0.81}),
     "thickness_field": Example({}, {"a10": 0.02, "a01": -0.013, "a11": 0.017, "a20": 0.011, "a02": -0.019}),
     "field": Example(
         {"kind": "stiffness", "n_x": 2, "n_y": 3},

@@ -24,6 +24,9 @@ from torchplate.discrepancy import UNIFORM, Found, n_terms, section_off
 from torchplate.model import Extrapolated, PlateModel, extrapolate, on_mesh, ritz_basis, shares_basis
 from torchplate.plate import Assembly, Local, Mesh, Plan
 
+# Kinds that differ by rounding are one: nobody chose it.
+ALIKE = 1e-12
+
 
 class OfPlate(NamedTuple):
     """A basis, and what it was made of.
@@ -76,16 +79,20 @@ class OfKind(NamedTuple):
     found: Extrapolated
     kind: Float[Tensor, "#n_element n_entry"]
 
-    def holds(self, kind: Float[Tensor, "#n_element n_entry"], shift: float) -> bool:
+    def holds(self, kind: Float[Tensor, "#n_element n_entry"], shift: float, top: float) -> bool:
         """Whether another plate has nearly the same error; what kinds differ by changes it by as much of itself.
+
+        Where modes of two meshes could not be told for each other up to the end of the band, as those of some plates
+        with a hole, nothing was found of the error of the others.
 
         Args:
             kind: of that plate.
             shift: by how much of itself a natural frequency may be off [-].
+            top: end of the band [Hz].
         """
-        worst = float(self.found.error.abs().amax()) if len(self.found.error) else 0.0
-        apart = (kind - self.kind).square().sum(-1).mean().sqrt()
-        return float(apart) * worst <= shift
+        apart = float((kind - self.kind).square().sum(-1).mean().sqrt())
+        reaches = len(self.found.frequency) > 0 and float(self.found.frequency[-1]) >= top
+        return apart <= ALIKE or (reaches and apart * float(self.found.error.abs().amax()) <= shift)
 
 
 def kind_of(plan: Plan) -> Float[Tensor, "#n_element n_entry"]:
@@ -169,7 +176,7 @@ class ModelBuilder:
         if anew:
             return self._extrapolated(plain, theta)
         kind = kind_of(plain.plan(theta))
-        holding = (index for index, one in enumerate(self._known) if one.holds(kind, self.fineness.shift))
+        holding = (index for index, one in enumerate(self._known) if one.holds(kind, self.fineness.shift, self.top))
         if self.held or (index := next(holding, None)) is None:
             known = OfKind(self._extrapolated(*self._without_attached(plain, theta)), kind)
         else:
@@ -203,7 +210,9 @@ class ModelBuilder:
         if self.as_given or self.held:
             return True
         kind, own = kind_of(model.plan(theta)), model.assembly
-        return any(one.found.model.assembly is own and one.holds(kind, self.fineness.shift) for one in self._known)
+        return any(
+            one.found.model.assembly is own and one.holds(kind, self.fineness.shift, self.top) for one in self._known
+        )
 
     def _extrapolated(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Extrapolated:
         """From the working mesh and the one twice as fine."""

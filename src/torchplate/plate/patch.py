@@ -17,6 +17,10 @@ from torchplate.plate.section import Section
 # Powers of a relative place, 0 to 4: curvatures have squares in them, the twist of an element among them; and 0 to 6,
 # since deflections have cubes.
 BENT, MOVED = 5, 7
+# Part of the mass of an element cut by a hole that lies evenly over it [-]. A sliver, of a part ε, then has natural
+# frequencies up to 36 / 0.37 EVENLY, and down to 84 ε² / EVENLY, both over D / ρh and the fourth power of a side; by
+# what stiffness is left in a hole, the latter are not below 8, where waves of eight elements have 0.38.
+EVENLY = 2e-3
 # The same over a whole side, from its middle.
 WHOLE = torch.tensor([1.0, 0.0, 1 / 12, 0.0, 1 / 80], dtype=torch.float64)
 
@@ -68,7 +72,8 @@ def with_hole(
     """What each element is made of with a rectangle without plate.
 
     Of an element that an edge cuts, bending and mass are those of what is there, which moves as the whole element does:
-    nothing holds it at the edge.
+    nothing holds it at the edge. Two thousandths of that mass lie evenly over the element: a sliver that is left of one
+    would else have no mass to speak of where it is stiff, and its frequency would cost the others their digits.
 
     Args:
         section: without it.
@@ -88,7 +93,7 @@ def with_hole(
     uneven = every - inside[..., None, None] * whole[:, None] * whole
     bent = (left[0] - 1) * uneven[..., :BENT, :BENT].flatten(-2)[..., None, :]
     bent = bent * section.stiffness_factor.expand(*section.stiffness_factor.shape[:-1], 4)[..., None]
-    heavy = (left[1] - 1) * uneven.flatten(-2) * section.density[..., None]
+    heavy = (1 - EVENLY) * (left[1] - 1) * uneven.flatten(-2) * section.density[..., None]
     cut = None if section.uneven is None else section.uneven.ne(0).any(-1).any(-1)[..., None, None]
     heavy_cut = None if section.uneven_density is None else section.uneven_density.ne(0).any(-1, keepdim=True)
     found = section._replace(
