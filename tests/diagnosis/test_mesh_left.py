@@ -261,6 +261,13 @@ def test_a_support_that_is_stiffer_than_the_others_is_taken_off_the_mesh_error_w
     torch.testing.assert_close(found.error, alone.error, rtol=0, atol=0)
 
 
+def test_each_corner_of_a_hole_is_off_by_squares_of_an_element_over_its_side():
+    found = left("cut_out", x0=0.3, y0=0.4, x1=0.5, y1=0.6)
+    for corner in ("x0", "y0", "x1", "y1"):
+        assert found[f"own.{corner}"] == pytest.approx(SETTINGS.meshes.corner / 24**2 / 0.2)
+    assert found["plate.youngs_modulus"] == 0
+
+
 # On lines of a mesh of 48 × 48 elements, and between those of 16 × 16.
 HOLES = [
     (25 / 48, 29 / 48, 32 / 48, 36 / 48),
