@@ -24,9 +24,6 @@ from torchplate.discrepancy import UNIFORM, Found, n_terms, section_off
 from torchplate.model import Extrapolated, PlateModel, extrapolate, on_mesh, ritz_basis, shares_basis
 from torchplate.plate import Assembly, Local, Mesh, Plan
 
-# Kinds that differ by rounding are one: nobody chose it.
-ALIKE = 1e-12
-
 
 class OfPlate(NamedTuple):
     """A basis, and what it was made of.
@@ -83,7 +80,7 @@ class OfKind(NamedTuple):
         """Whether another plate has nearly the same error; what kinds differ by changes it by as much of itself.
 
         Where modes of two meshes could not be told for each other up to the end of the band, as those of some plates
-        with a hole, nothing was found of the error of the others.
+        with a hole, nothing was found of the error of the others. Kinds that differ by rounding are one.
 
         Args:
             kind: of that plate.
@@ -92,7 +89,9 @@ class OfKind(NamedTuple):
         """
         apart = float((kind - self.kind).square().sum(-1).mean().sqrt())
         reaches = len(self.found.frequency) > 0 and float(self.found.frequency[-1]) >= top
-        return apart <= ALIKE or (reaches and apart * float(self.found.error.abs().amax()) <= shift)
+        return apart <= math.sqrt(torch.finfo(kind.dtype).eps) or (
+            reaches and apart * float(self.found.error.abs().amax()) <= shift
+        )
 
 
 def kind_of(plan: Plan) -> Float[Tensor, "#n_element n_entry"]:
