@@ -66,7 +66,7 @@ class Rib(Effect):
         number = torch.arange(n + 1).to(ends)[:, None]
         station = first + number * piece * direction / sides
         cos, sin = direction.split(1, dim=-1)
-        dof, (deflection, *slopes) = mesh.shapes_at(station, (0, 0), (1, 0), (0, 1))
+        dof, (deflection, *slopes) = mesh.shapes_about(station, (0, 0), (1, 0), (0, 1))
         along_x, along_y = (one / side for one, side in zip(slopes, sides, strict=True))
         slope, turn = cos * along_x + sin * along_y, cos * along_y - sin * along_x
         here, there = (
@@ -88,8 +88,9 @@ class Rib(Effect):
         heavy = kinds[3].repeat_interleave(2, dim=-1)
         moved_dof, (moved,) = mesh.shapes_at(gauss.flatten(-3, -2), (0, 0))
         ends_dof = torch.cat([dof[..., :-1, :], dof[..., 1:, :]], dim=-1)
-        which = torch.cat([ends_dof, ends_dof, ends_dof, torch.cat([moved_dof, moved_dof], dim=-1)], dim=-2)
-        row = torch.cat([bent, sheared, turned, torch.nn.functional.pad(moved, (0, moved.shape[-1]))], dim=-2)
+        which = torch.cat([ends_dof, ends_dof, ends_dof, torch.cat(4 * [moved_dof], dim=-1)], dim=-2)
+        rest = bent.shape[-1] - moved.shape[-1]
+        row = torch.cat([bent, sheared, turned, torch.nn.functional.pad(moved, (0, rest))], dim=-2)
         return Local(
             # Of the dofs of a mesh few move a piece.
             row.new_zeros(*row.shape[:-1], mesh.n_dof).scatter_add(-1, which, row),

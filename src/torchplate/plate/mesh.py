@@ -24,6 +24,8 @@ EDGE_CONDITIONS = ("free", "simply_supported", "clamped")
 DOFS_PER_NODE = 3
 # In elements: what rounding may make of a place on a line of the mesh.
 ON_LINE = 1e-6
+# In elements: how far beside a line of the mesh its two sides are read; more than rounding, less than the line is wide.
+BESIDE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -299,6 +301,26 @@ class Mesh:
         if present is not None:
             every = [torch.where(present[..., None], value, 0.0) for value in every]
         return self._dof_of_all.to(place.device)[number], every
+
+    def shapes_about(
+        self, place: Float[Tensor, "*batch n_point 2"], *orders: tuple[int, int]
+    ) -> tuple[Int[Tensor, "*batch n_point 24"], list[Float[Tensor, "*batch n_point 24"]]]:
+        """As `shapes_at`, the mean of both sides of an edge: slopes across it jump there, but at nodes.
+
+        A plate and its mirror image have the same slopes by this, wherever places lie.
+
+        Args:
+            place: (x/Lx, y/Ly) [-].
+            orders: of derivatives in x/Lx and y/Ly, one or more.
+
+        Returns:
+            The dofs of the elements of both sides, twice the same twelve where a place is inside one; for each order
+            half of what a unit of each does there.
+        """
+        step = BESIDE / torch.tensor(self.cells, dtype=place.dtype, device=place.device)
+        (dof, every), (other, others) = (self.shapes_at(place + way * step, *orders) for way in (1, -1))
+        halves = [0.5 * torch.cat(pair, dim=-1) for pair in zip(every, others, strict=True)]
+        return torch.cat([dof, other], dim=-1), halves
 
     def _beside_holes(self, position: Tensor, corner: Tensor) -> tuple[Tensor, Tensor]:
         """An element that is there for each place, that on the other side of its edge where need be; and whether."""
