@@ -23,6 +23,15 @@ def _model(sides, factors, supports=None, asymmetry=None, **more) -> PlateModel:
     return PlateModel(Mesh(*sides, 3, 2), effects, STEEL | {"wires.stiffness": 900.0} | known | more)
 
 
+def test_neutral_factors_leave_the_springs_as_they_were():
+    neutral = [parameter.neutral for parameter in SupportAsymmetry(at=CORNERS).parameters.values()]
+    bare = PlateModel(
+        Mesh(0.3, 0.2, 3, 2), {"plate": Plate(), "wires": SupportSpring(at=CORNERS)}, STEEL | {"wires.stiffness": 900.0}
+    )
+    found = _model(SIDES["rectangle"], neutral).natural_frequencies(NONE, 6)
+    assert torch.equal(found, bare.natural_frequencies(NONE, 6))
+
+
 @pytest.mark.parametrize("shape", SIDES)
 def test_a_rigid_body_swings_on_unequal_springs(shape):
     factors = (1.7, 0.4, 1.0, 0.8)

@@ -1,11 +1,13 @@
 """A thickness in long waves: what each term means."""
 
+import itertools
 import math
 
 import pytest
 import torch
 
 from torchplate.effects import Plate, ThicknessField
+from torchplate.effects.thickness_field import AMPLITUDE
 from torchplate.model import PlateModel
 from torchplate.plate import Mesh
 
@@ -14,6 +16,7 @@ METAL = {
     "plate.youngs_modulus": 69e9, "plate.poisson_ratio": 0.31, "plate.density": 2710.0, "plate.thickness": 0.0031,
 }  # fmt: skip
 TERMS = list(ThicknessField.parameters)
+EVERY_SIGN = list(itertools.product((-1, 1), repeat=len(TERMS)))
 
 
 def build(known: dict[str, float], mesh: Mesh) -> PlateModel:
@@ -29,6 +32,13 @@ def test_a_term_has_zero_mean_and_its_amplitude_is_its_root_mean_square(name: st
     # A sum of cosines at the middles of equal parts vanishes as the integral does.
     assert float(off.mean().abs()) < 1e-12
     assert float(off.square().mean().sqrt()) == pytest.approx(0.013, rel=1e-9)
+
+
+def test_no_plate_of_those_that_are_looked_at_has_a_place_without_thickness() -> None:
+    mesh = Mesh(0.5, 0.3, 12, 9)
+    ends = [{name: sign * AMPLITUDE.high for name, sign in zip(TERMS, signs, strict=True)} for signs in EVERY_SIGN]
+    assert AMPLITUDE.low == -AMPLITUDE.high
+    assert min(float(build(one, mesh).plan(NONE).section.thickness.min()) for one in ends) > 0
 
 
 def test_terms_do_not_overlap() -> None:

@@ -87,6 +87,15 @@ def test_the_estimate_knows_elements_with_a_loss_of_their_own(plates) -> None:
     assert float(ratio.max()) < 3.0
 
 
+def test_nearly_all_of_the_error_is_where_the_plate_moves_most(plates, monkeypatch) -> None:
+    """Of some more lines than modes, and of none that stand for the rest, most of it is seen."""
+    model, reduced, theta, frequency = made(plates, MESHES["rectangle"], margin=2.0)
+    whole = estimated_error(model, reduced, theta, frequency)
+    monkeypatch.setattr(error_estimate, "N_PEAK", 12)
+    monkeypatch.setattr(error_estimate, "_spread", lambda _: torch.zeros(0, dtype=torch.int64))
+    assert float((estimated_error(model, reduced, theta, frequency) / whole).min()) > 0.5
+
+
 def test_which_lines_count_hangs_on_no_unit(plates) -> None:
     model, _, theta, frequency = made(plates, MESHES["rectangle"])
     frf = model.frf(theta, frequency)[0]

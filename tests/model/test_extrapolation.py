@@ -292,6 +292,20 @@ def test_of_elements_that_all_lose_alike_the_mesh_takes_as_much_of_the_loss_as_o
     )
 
 
+def test_of_elements_that_lose_each_its_own_the_loss_of_modes_is_that_of_a_finer_mesh(plates):
+    def loss_of_modes(model: PlateModel) -> torch.Tensor:
+        system, modes = model.system(NOTHING), model.modes(NOTHING)
+        return ((modes.shape * (system.hysteretic @ modes.shape)).sum(0) / modes.eigenvalue)[3:8]
+
+    def lossy(n: int) -> PlateModel:
+        return plates.build(Mesh(0.7, 0.4, 3 * n, 2 * n), {"field.base": 0.05}, loss_field=True)
+
+    coarse, fine = lossy(2), loss_of_modes(lossy(8))
+    corrected = extrapolate(coarse, float(coarse.natural_frequencies(NOTHING, 9)[8])).model
+    before, after = (float(off(loss_of_modes(model), fine).max()) for model in (coarse, corrected))
+    assert after < before / BETTER
+
+
 @pytest.mark.parametrize("along", [0.25, 1.0], ids=["amid", "edge"])
 def test_where_a_mass_and_a_spring_sit_the_deflections_that_modes_lack_count_once(along):
     """They are in the eigenvalues of both meshes already."""

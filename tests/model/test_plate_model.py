@@ -121,6 +121,27 @@ def test_a_node_and_its_relative_place_are_one_point(plates, relative_error) -> 
     assert relative_error(by_place, by_node) < 1e-9
 
 
+def test_places_may_be_a_batch_of_a_transform_on_a_plate_with_a_hole_too(plates) -> None:
+    """Of places that are numbers is asked whether they lie on the plate; of these nobody may ask."""
+    lines = torch.tensor([40.0, 90.0], dtype=torch.float64)
+    places = torch.tensor([[[0.31, 0.42]], [[0.9, 0.6]]], dtype=torch.float64)
+    bare = plates.build(Mesh(0.5, 0.4, 5, 4))
+    known = {name: value for name, value in bare.known_values.items() if name.startswith("plate.")}
+    for cut in ((), ((0.4, 0.25, 0.6, 0.5),)):
+        model = PlateModel(Mesh(0.5, 0.4, 5, 4, cut=cut), {"plate": bare.effects["plate"]}, known)
+
+        def frf(at: torch.Tensor, model: PlateModel = model) -> torch.Tensor:
+            return torch.view_as_real(model.frf(plates.nothing, lines, at, [2]))
+
+        torch.testing.assert_close(torch.func.vmap(frf)(places), torch.stack([frf(one) for one in places]))
+        slope = torch.func.jacrev(lambda at, frf=frf: frf(at).flatten())(places[0])[:, 0]
+        moved = 1e-5 * torch.eye(2, dtype=torch.float64)
+        expected = torch.stack(
+            [(frf(places[0] + one) - frf(places[0] - one)).flatten() / 2e-5 for one in moved], dim=-1
+        )
+        torch.testing.assert_close(slope, expected, rtol=1e-6, atol=1e-8 * float(expected.abs().max()))
+
+
 def test_points_and_kind_left_out_are_those_of_the_measurement(plates, relative_error) -> None:
     known, frequency = plates.damping_of_every_kind(RECTANGLE), lines(plates, RECTANGLE)
     measured = plates.build(RECTANGLE, known, response=[3], reference=[8, 21], kind="accelerance")

@@ -113,6 +113,16 @@ def test_what_loses_by_strain_damps_no_motion_without_strain(plates, name: str) 
     torch.testing.assert_close(own[3:6], 0.01 * elastic + 3.7 + 0.8 * elastic.sqrt(), rtol=1e-9, atol=0)
 
 
+def test_what_an_element_loses_by_itself_adds_to_what_the_whole_plate_does(plates) -> None:
+    known = {"loss.stiffness_loss_factor": 0.01, "field.base": 0.02}
+    model = plates.build(MESHES["one element"], known, loss_field=True)
+    system, modes = model.system(plates.nothing), model.modes(plates.nothing)
+    impedance = modal_impedance(system, Modes(modes.eigenvalue, modes.shape), 1j * modes.eigenvalue.sqrt()[3:5])
+    # The field at the middle of the only element: 0.02 (1 + 0.5 + 2 · 0.25).
+    expected = (0.01 + 0.04) * modes.eigenvalue[3:6]
+    torch.testing.assert_close(own_damping(impedance, system.force)[3:6], expected, rtol=1e-9, atol=0)
+
+
 @SHAPES
 def test_a_dashpot_damps_each_mode_by_what_moves_there(plates, name: str) -> None:
     places = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]

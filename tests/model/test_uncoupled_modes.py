@@ -21,12 +21,14 @@ def drawn(name: str, n_row: int, *batch: int) -> torch.Tensor:
     return whole.to(torch.complex128) * (1 + 0.2j) if name == "force" else whole
 
 
-def found(parts: dict[str, torch.Tensor]) -> torch.Tensor:
+COMMON = Proportional(stiffness_loss_factor=0.01)
+
+
+def found(parts: dict[str, torch.Tensor], damping: Proportional = COMMON) -> torch.Tensor:
     laplace = 1j * torch.linspace(50.0, 300.0, LINE, dtype=torch.float64)
     system = ModalSystem(
-        parts["eigenvalue"], Proportional(stiffness_loss_factor=0.01), laplace, parts["dashpot"], parts["force"],
-        torch.diag_embed(parts["loss"]),
-    )  # fmt: skip
+        parts["eigenvalue"], damping, laplace, parts["dashpot"], parts["force"], torch.diag_embed(parts["loss"])
+    )
     return receptance(system, parts["response"], parts["reference"])
 
 
@@ -41,6 +43,19 @@ def test_members_are_what_each_is_alone(n_response, n_reference):
         for index in range(MEMBER):
             alone = found({name: part[index if name in own else 0] for name, part in whole.items()})
             assert torch.allclose(together[index], alone, rtol=1e-12, atol=1e-15 * float(alone.abs().max())), own
+
+
+@pytest.mark.parametrize("n_response", [3, 17])
+@torch.no_grad()
+def test_members_have_the_loss_that_is_proportional_each_its_own(n_response):
+    """As many members as parts of a complex number, too, and more."""
+    parts = {name: drawn(name, {"response": n_response, "reference": 1}.get(name, 0))[0] for name in PARTS}
+    for beta in ([0.01, 0.2], [0.01, 0.2, 0.05]):
+        own = torch.tensor(beta, dtype=torch.float64)
+        together = found(parts, Proportional(stiffness_loss_factor=own, mass_coefficient=2 * own))
+        for one, value in zip(together, own, strict=True):
+            alone = found(parts, Proportional(stiffness_loss_factor=value, mass_coefficient=2 * value))
+            assert torch.allclose(one, alone, rtol=1e-12, atol=1e-15 * float(alone.abs().max()))
 
 
 @torch.no_grad()

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from torchplate.effects import HystereticDamping, Plate, PointMass, SupportSpring
+from torchplate.effects import AirLoading, HystereticDamping, Plate, PointMass, SupportSpring
 from torchplate.model import PlateModel, Searched
 from torchplate.model.usual_ranges import coarse, impossible, plate_mass, unusual
 from torchplate.plate import Mesh
@@ -140,6 +140,14 @@ def test_a_plate_that_an_edge_holds_may_have_springs_as_soft_as_any():
         known = bare.known_values | {"wires.stiffness": 1e-3, "wires.viscous_damping": 0.0}
         found = unusual(bare.replaced(effects=dict(bare.effects) | {"wires": SupportSpring(nodes=(1, 4))}, known=known))
         assert any("swings" in one.sentence for one in found) == said
+
+
+@pytest.mark.parametrize(("density", "said"), [(0.0, False), (1.2e-3, True), (1.2, False)])
+def test_air_in_g_per_cubic_centimetre_is_told_from_air_and_from_none(density, said):
+    values = {f"sheet.{name}": value for name, value in STEEL.items()} | {"air.density": density}
+    model = PlateModel(Mesh(0.48, 0.37, 3, 2), {"sheet": Plate(), "air": AirLoading()}, values)
+    found = [remark for remark in unusual(model) if remark.key == "effects.air.density"]
+    assert [("1.2" in one.sentence, "g/cm³" in one.sentence) for one in found] == [(True, True)] * said
 
 
 @pytest.mark.parametrize(("low", "high", "said"), [(0.01, 2.0, True), (0.6, 0.9, True), (0.01, 0.9, False)])
