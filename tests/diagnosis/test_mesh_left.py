@@ -275,6 +275,10 @@ HOLES = [
     (11 / 48, 10 / 48, 20 / 48, 17 / 48),
 ]
 LINES = torch.linspace(20.0, TOP, 400, dtype=torch.float64)
+PLACES = (
+    [(1 / 8, 1 / 8), (7 / 8, 1 / 4), (1 / 2, 7 / 8)],
+    [(0.0, 0.0), (1 / 8, 7 / 8), (7 / 8, 1 / 2), (1.0, 1 / 8)],
+)
 
 
 def of_hole(n: int, corners: tuple[float, ...] | None, cut: tuple[tuple[float, ...], ...] = (), young: float = 2e11):
@@ -282,12 +286,8 @@ def of_hole(n: int, corners: tuple[float, ...] | None, cut: tuple[tuple[float, .
     if corners is not None:
         effects["hole"] = CATALOGUE["cut_out"]()
         known |= dict(zip(("hole.x0", "hole.y0", "hole.x1", "hole.y1"), corners, strict=True))
-    places = (
-        [(1 / 8, 1 / 8), (7 / 8, 1 / 4), (1 / 2, 7 / 8)],
-        [(0.0, 0.0), (1 / 8, 7 / 8), (7 / 8, 1 / 2), (1.0, 1 / 8)],
-    )
     mesh = Mesh(SIDE, 0.8 * SIDE, n, n, cut=cut)
-    model = PlateModel(mesh, effects, known | {"plate.youngs_modulus": young}, {}, *places)
+    model = PlateModel(mesh, effects, known | {"plate.youngs_modulus": young}, {}, *PLACES)
     frf = reduce(extrapolate(model, TOP).model, LINES)[0].frf(model.known[:0], LINES)
     return torch.view_as_real(frf).flatten()
 
@@ -309,6 +309,65 @@ def test_corners_of_a_hole_end_as_far_off_as_is_taken_for_granted():
         off += (solved.solution[:4, 0] * n**2 * side).tolist()
     # 0.074: no narrower than that by much, and no wonder in size.
     assert 0.5 < torch.tensor(off).square().mean().sqrt() / SETTINGS.meshes.corner < 1.3
+
+
+OF_RIB = ("x0", "y0", "x1", "y1", "bending", "torsion", "mass_per_length")
+RIBS = [(0.21, 0.33, 0.74, 0.41), (0.15, 0.62, 0.85, 0.62)]
+
+
+def test_ends_of_a_rib_are_off_along_it_more_than_across():
+    made_of = dict(zip(OF_RIB[4:], (0.1 * RIGIDITY * SIDE, 2.0, 0.3), strict=True))
+    along, across, strength = SETTINGS.meshes.rib
+    found = left("rib", x0=0.2, y0=0.4, x1=0.7, y1=0.4, **made_of)
+    assert found["own.x0"] == found["own.x1"] == pytest.approx(along / 24)
+    assert found["own.y0"] == found["own.y1"] == pytest.approx(across / 24)
+    askew = left("rib", x0=0.2, y0=0.3, x1=0.6, y1=0.7, **made_of)
+    assert askew["own.x0"] == askew["own.y1"] == pytest.approx(math.hypot(along, across) / 24 / math.sqrt(2))
+    for name, value in made_of.items():
+        # EI over D and an element's side is a tenth of 24.
+        assert found[f"own.{name}"] == pytest.approx(strength * 2.4 * value)
+    assert found["plate.youngs_modulus"] == 0
+
+
+def of_rib(n: int, rib: tuple[float, ...], young: float = 2e11) -> torch.Tensor:
+    effects = {"plate": Plate(), "loss": HystereticDamping(), "rib": CATALOGUE["rib"]()}
+    known = KNOWN | {"loss.stiffness_loss_factor": 0.01, "plate.youngs_modulus": young}
+    known |= {f"rib.{name}": value for name, value in zip(OF_RIB, rib, strict=True)}
+    model = PlateModel(Mesh(SIDE, 0.8 * SIDE, n, n), effects, known, {}, *PLACES)
+    frf = reduce(extrapolate(model, TOP).model, LINES)[0].frf(model.known[:0], LINES)
+    return torch.view_as_real(frf).flatten()
+
+
+@pytest.mark.check
+def test_a_rib_ends_as_far_off_as_is_taken_for_granted():
+    """Beside a modulus, where the FRFs of a mesh three times as fine are fitted, by Gauss and Newton."""
+    ends, made_of, n = [], [], 12
+    for line in RIBS:
+        true = (*line, 0.1 * RIGIDITY * SIDE, 0.05 * RIGIDITY * SIDE, 0.03 * 7860.0 * 0.0027 * SIDE)
+        seen, now, young = of_rib(3 * n, true), list(true), 2e11
+        size = torch.view_as_complex(seen.unflatten(0, (-1, 2))).abs()
+        weight = (1 / (size + 0.05 * size.mean())).repeat_interleave(2)
+        for _ in range(2):
+            base, step = of_rib(n, tuple(now), young), 1e-4
+            moved = [tuple(at + step * (k == j) for k, at in enumerate(now)) for j in range(4)]
+            more = [tuple(at * (1 + 1e-2 * (k == j)) for k, at in enumerate(now)) for j in range(4, 7)]
+            tangent = [(of_rib(n, one, young) - base) / step for one in moved]
+            tangent += [(of_rib(n, one, young) - base) / 1e-2 for one in more]
+            tangent.append((of_rib(n, tuple(now), 1.001 * young) - base) / 1e-3)
+            solved = torch.linalg.lstsq(weight[:, None] * torch.stack(tangent, 1), (weight * (seen - base))[:, None])
+            by = solved.solution[:, 0].tolist()
+            now = [at + part for at, part in zip(now[:4], by[:4], strict=True)] + [
+                at * math.exp(part) for at, part in zip(now[4:], by[4:7], strict=True)
+            ]
+            young *= math.exp(by[7])
+        way = torch.tensor([SIDE * (line[2] - line[0]), 0.8 * SIDE * (line[3] - line[1])])
+        off = (torch.tensor(now[:4]) - torch.tensor(line)).reshape(2, 2) * torch.tensor([SIDE, 0.8 * SIDE])
+        ends += (off @ way / way.norm() / (SIDE / n)).tolist()
+        made_of += [math.log(found / value) for found, value in zip(now[4:], true[4:], strict=True)]
+    along, _, strength = SETTINGS.meshes.rib
+    # 0.052 of ends, and 0.008 of what it is made of.
+    assert 0.5 < torch.tensor(ends).square().mean().sqrt() / along < 1.5
+    assert 0.5 < torch.tensor(made_of).square().mean().sqrt() / (strength * 0.1 * n) < 1.5
 
 
 def test_of_modes_that_no_finer_mesh_was_found_for_nothing_is_known_of_another_plate():

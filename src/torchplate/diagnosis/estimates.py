@@ -55,7 +55,8 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
     by the part |z| c, which is largest at the band's end. As much, to the mode that is shortest there, is a step of
     |z| c / (2 k) along the plate, k its wave number: an effect acts with the square of the deflection at its place. A
     mass that moves with the sensor sits at each response in turn. A hole is not quite as large as the one that gives a
-    mesh the modes of the plate; see `Meshes.corner`. Of all else nothing is known to be left, which is a zero.
+    mesh the modes of the plate, see `Meshes.corner`, and the pieces of a rib end with the elements, see `Meshes.rib`.
+    Of all else nothing is known to be left, which is a zero.
 
     Args:
         model: that was fitted.
@@ -79,6 +80,11 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
                 held = [index[name] for end in "01" if (name := f"{label}.{axis}{end}") in index]
                 left[held] = off / length
             continue
+        if effect.parameters.keys() > CORNERS:
+            for name, off in _of_rib(values[label], sides, side, rigidity).items():
+                if (key := f"{label}.{name}") in index:
+                    left[index[key]] = off
+            continue
         held = [index[name] for key in STRENGTHS if (name := f"{label}.{key}") in index]
         force = _force(model, effect, values[label], top) if held else None
         if force is None:
@@ -89,6 +95,26 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
             if (name := f"{label}.{axis}") in index:
                 left[index[name]] = part * wave / (4 * math.pi * length)
     return left
+
+
+def _of_rib(value: Mapping[str, Tensor], sides: Mapping[str, float], side: float, rigidity: float) -> dict[str, float]:
+    """What the mesh leaves of a rib: of its ends, along it and across, and of what it is made of, in their units.
+
+    Args:
+        value: its parameters.
+        sides: of the plate [m].
+        side: of an element [m].
+        rigidity: D of the plate [N m].
+    """
+    along, across, strength = SETTINGS.meshes.rib
+    way = {axis: length * float(value[f"{axis}1"] - value[f"{axis}0"]) for axis, length in sides.items()}
+    whole = max(math.hypot(*way.values()), 1e-300)
+    off: dict[str, float] = {}
+    for axis, other in (("x", "y"), ("y", "x")):
+        apart = side * math.hypot(along * way[axis], across * way[other]) / whole
+        off |= {f"{axis}{end}": apart / sides[axis] for end in "01"}
+    part = strength * float(value["bending"]) / (rigidity * side)
+    return off | {name: part * float(value[name]) for name in value.keys() - off.keys()}
 
 
 def _force(model: PlateModel, effect: Effect, value: Mapping[str, Tensor], frequency: float) -> Tensor | None:
