@@ -84,13 +84,32 @@ def test_its_direction_does_not_matter_and_two_halves_are_the_whole() -> None:
 
 
 def test_its_mirror_image_is_the_same_where_it_crosses_lines_of_the_mesh() -> None:
-    """Its stations lie on edges there, where slopes of elements jump: neither side is the right one."""
+    """Its stations lie on edges there, where slopes of elements jump."""
     known = {"plate.density": 2700.0, "rib.bending": 0.0, "rib.torsion": 1.0, "rib.mass_per_length": 0.0}
     mesh = Mesh(0.52, 0.37, 5, 4)
     one = build(known | ends(0.4, 0.375, 0.0, 0.0), mesh).natural_frequencies(NONE, 12)[3:]
     for image in (ends(0.6, 0.375, 1.0, 0.0), ends(0.4, 0.625, 0.0, 1.0), ends(0.6, 0.625, 1.0, 1.0)):
         other = build(known | image, mesh).natural_frequencies(NONE, 12)[3:]
         torch.testing.assert_close(other, one, rtol=1e-10, atol=0)
+
+
+@pytest.mark.parametrize("line", [(0.4, 0.1, 0.4, 0.8), (0.1, 0.2, 0.7, 0.5), (0.3, 0.1, 0.3, 0.75)])
+def test_nothing_jumps_where_it_crosses_a_line_of_the_mesh(line: tuple[float, ...]) -> None:
+    """Lines at x = 0.4 and at y = 0.5 and 0.75: along them, and with an end on them."""
+    known = {"plate.density": 2700.0, "rib.bending": 5.0, "rib.torsion": 2.0, "rib.mass_per_length": 0.3}
+    names, mesh = ("rib.x0", "rib.y0", "rib.x1", "rib.y1"), Mesh(0.52, 0.37, 5, 4)
+    searched = {name: Searched(0.0, 1.0) for name in names}
+    model = PlateModel(mesh, {"plate": Plate(), "rib": Rib()}, PLATE | known, searched)
+    theta = torch.tensor(line, dtype=torch.float64, requires_grad=True)
+    slope = torch.autograd.functional.jacobian(lambda at: model.natural_frequencies(at, 9)[3:], theta)
+    for step in (1e-4, 1e-6):
+        beside = [
+            model.natural_frequencies((theta + step * one).detach(), 9)[3:]
+            - model.natural_frequencies((theta - step * one).detach(), 9)[3:]
+            for one in torch.eye(4, dtype=torch.float64)
+        ]
+        moved = torch.stack(beside, dim=-1) / (2 * step)
+        torch.testing.assert_close(moved, slope, rtol=0, atol=0.01 * float(slope.abs().max()))
 
 
 def test_a_rib_of_no_length_is_none() -> None:

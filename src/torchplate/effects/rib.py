@@ -24,9 +24,9 @@ class Rib(Effect):
     beam elements, each about as long as an element of the mesh, whose ends have the plate's deflection w and slopes
     w,s and w,n: of a piece of length l, K gains the rank-one terms EI/l (Δw,s)², 12 EI/l (Δw/l − mean w,s)² and
     GJ/l (Δw,n)². The curvature of the plate's own shape functions would not do: their slopes jump from element to
-    element, where a rib would then bend for nothing. EI is about the axis that the plate and the rib bend about
-    together: of a rib on one side give EI with its Steiner part about that axis, since the plate's membrane is not
-    modelled. Lengths are those of the nominal plate.
+    element, where a rib would then bend for nothing. Near an edge its ends have the motion of both elements. EI is
+    about the axis that the plate and the rib bend about together: of a rib on one side give EI with its Steiner part
+    about that axis, since the plate's membrane is not modelled. Lengths are those of the nominal plate.
     """
 
     parameters = {
@@ -86,9 +86,9 @@ class Rib(Effect):
         )
         nothing = torch.zeros_like(kinds[0])
         heavy = kinds[3].repeat_interleave(2, dim=-1)
-        moved_dof, (moved,) = mesh.shapes_at(gauss.flatten(-3, -2), (0, 0))
+        moved_dof, (moved,) = mesh.shapes_about(gauss.flatten(-3, -2), (0, 0))
         ends_dof = torch.cat([dof[..., :-1, :], dof[..., 1:, :]], dim=-1)
-        which = torch.cat([ends_dof, ends_dof, ends_dof, torch.cat(4 * [moved_dof], dim=-1)], dim=-2)
+        which = torch.cat([ends_dof, ends_dof, ends_dof, torch.cat([moved_dof, moved_dof], dim=-1)], dim=-2)
         rest = bent.shape[-1] - moved.shape[-1]
         row = torch.cat([bent, sheared, turned, torch.nn.functional.pad(moved, (0, rest))], dim=-2)
         return Local(

@@ -24,8 +24,6 @@ EDGE_CONDITIONS = ("free", "simply_supported", "clamped")
 DOFS_PER_NODE = 3
 # In elements: what rounding may make of a place on a line of the mesh.
 ON_LINE = 1e-6
-# In elements: how far beside a line of the mesh its two sides are read; more than rounding, less than the line is wide.
-BESIDE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -288,57 +286,86 @@ class Mesh:
             The twelve dofs of each place's element; for each order the deflection there, or its derivative, of a unit
             of each dof: zeros inside a hole.
         """
-        cells = torch.tensor(self.cells, dtype=place.dtype, device=place.device)
-        position = place * cells
-        # Differentiable in the place: only the number of the element is piecewise constant.
-        corner = position.detach().floor().clamp(min=0).minimum(cells - 1)
-        present: Tensor | None = None
-        if self.kept is not None:
-            corner, present = self._beside_holes(position.detach(), corner)
-        number = (corner[..., 0] + self.cells[0] * corner[..., 1]).long()
-        within, sides = position - corner, (1 / self.cells[0], 1 / self.cells[1])
-        every = [element.shape_functions(within, *sides, *order) for order in orders]
-        if present is not None:
-            every = [torch.where(present[..., None], value, 0.0) for value in every]
-        return self._dof_of_all.to(place.device)[number], every
+        position, corner, present = self._located(place)
+        return self._shapes_in(corner, position, orders, present)
 
     def shapes_about(
         self, place: Float[Tensor, "*batch n_point 2"], *orders: tuple[int, int]
-    ) -> tuple[Int[Tensor, "*batch n_point 24"], list[Float[Tensor, "*batch n_point 24"]]]:
-        """As `shapes_at`, the mean of both sides of an edge: slopes across it jump there, but at nodes.
+    ) -> tuple[Int[Tensor, "*batch n_point 48"], list[Float[Tensor, "*batch n_point 48"]]]:
+        """As `shapes_at`, but slopes go over from element to element, at whose edges those of each jump, but at nodes.
 
-        A plate and its mirror image have the same slopes by this, wherever places lie.
+        Between the middles of two elements the motion is taken from both, half of each at their edge: what both have
+        right to the third order stays so. A plate and its mirror image have the same slopes by this.
 
         Args:
             place: (x/Lx, y/Ly) [-].
             orders: of derivatives in x/Lx and y/Ly, one or more.
 
         Returns:
-            The dofs of the elements of both sides, twice the same twelve where a place is inside one; for each order
-            half of what a unit of each does there.
+            The dofs of the four elements whose middles are around each place, some twice where it is near an edge of
+            the plate; for each order what a unit of each does there, times the part that its element has.
         """
-        step = BESIDE / torch.tensor(self.cells, dtype=place.dtype, device=place.device)
-        (dof, every), (other, others) = (self.shapes_at(place + way * step, *orders) for way in (1, -1))
-        halves = [0.5 * torch.cat(pair, dim=-1) for pair in zip(every, others, strict=True)]
-        return torch.cat([dof, other], dim=-1), halves
+        position, own, present = self._located(place)
+        within = position - own
+        away = torch.where(within.detach() < 0.5, -1.0, 1.0)
+        beside = (own + away).clamp(min=0).minimum(own.new_tensor(self.cells) - 1)
+        # Half at the edge, and nothing at the middle, where it goes over to the element on the other side.
+        part = 2 * (0.5 - torch.minimum(within, 1 - within)).clamp(0.0, 0.5).square()
+        dofs, every = [], []
+        for over_x, over_y in ((False, False), (True, False), (False, True), (True, True)):
+            over = torch.tensor([over_x, over_y], device=place.device)
+            corner = torch.where(over, beside, own)
+            if self.kept is not None:
+                corner = torch.where(self._is_kept(corner)[..., None], corner, own)
+            dof, values = self._shapes_in(corner, position, orders, present)
+            weight = torch.where(over, part, 1 - part).prod(-1, keepdim=True)
+            dofs.append(dof)
+            every.append([weight * value for value in values])
+        return torch.cat(dofs, dim=-1), [torch.cat(parts, dim=-1) for parts in zip(*every, strict=True)]
+
+    def _located(self, place: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
+        """Places in elements' sides, the corner of the element each lies in, and whether that one is there."""
+        cells = torch.tensor(self.cells, dtype=place.dtype, device=place.device)
+        position = place * cells
+        # Differentiable in the place: only the number of the element is piecewise constant.
+        corner = position.detach().floor().clamp(min=0).minimum(cells - 1)
+        return (position, corner, None) if self.kept is None else (position, *self._beside_holes(position, corner))
+
+    def _shapes_in(
+        self, corner: Tensor, position: Tensor, orders: Sequence[tuple[int, int]], present: Tensor | None
+    ) -> tuple[Tensor, list[Tensor]]:
+        """Dofs of elements, and what a unit of each does at positions in them or beside; zero where none is there."""
+        sides = (1 / self.cells[0], 1 / self.cells[1])
+        every = [element.shape_functions(position - corner, *sides, *order) for order in orders]
+        if present is not None:
+            every = [torch.where(present[..., None], value, 0.0) for value in every]
+        return self._dof_of_all.to(corner.device)[self._number(corner)], every
+
+    def _number(self, corner: Tensor) -> Tensor:
+        """Of elements, by their corners, those that a hole takes away too."""
+        return (corner[..., 0] + self.cells[0] * corner[..., 1]).long()
+
+    def _is_kept(self, corner: Tensor) -> Tensor:
+        """Whether elements are there, by their corners."""
+        assert self.kept is not None
+        there = torch.zeros(self.cells[0] * self.cells[1], dtype=torch.bool, device=corner.device)
+        there[self.kept.to(corner.device)] = True
+        return there[self._number(corner)]
 
     def _beside_holes(self, position: Tensor, corner: Tensor) -> tuple[Tensor, Tensor]:
         """An element that is there for each place, that on the other side of its edge where need be; and whether."""
-        assert self.kept is not None
-        cells = corner.new_tensor(self.cells)
-        there = torch.zeros(self.cells[0] * self.cells[1], dtype=torch.bool, device=corner.device)
-        there[self.kept.to(corner.device)] = True
+        position, cells = position.detach(), corner.new_tensor(self.cells)
         found, present = corner, torch.zeros_like(corner[..., 0], dtype=torch.bool)
         for back_x, back_y in ((0, 0), (1, 0), (0, 1), (1, 1)):
             back = corner.new_tensor([back_x, back_y])
             on_edge = ((back == 0) | ((position - corner).abs() <= ON_LINE)).all(-1)
             tried = (corner - back).clamp(min=0)
-            also = there[(tried[..., 0] + self.cells[0] * tried[..., 1]).long()] & on_edge & ~present
+            also = self._is_kept(tried) & on_edge & ~present
             # A place a rounding below a line belongs to the element beyond it, too.
             found, present = torch.where(also[..., None], tried, found), present | also
             forward = (corner + back).minimum(cells - 1)
             on_far = ((back == 0) | ((position - corner - 1).abs() <= ON_LINE)).all(-1)
-            also = there[(forward[..., 0] + self.cells[0] * forward[..., 1]).long()] & on_far & ~present
+            also = self._is_kept(forward) & on_far & ~present
             found, present = torch.where(also[..., None], forward, found), present | also
         return found, present
 
