@@ -311,12 +311,12 @@ class Mesh:
         beside = (own + away).clamp(min=0).minimum(own.new_tensor(self.cells) - 1)
         # Half at the edge, and nothing at the middle, where it goes over to the element on the other side.
         part = 2 * (0.5 - torch.minimum(within, 1 - within)).clamp(0.0, 0.5).square()
-        dofs, every = [], []
+        dofs, every, there = [], [], self._there(place.device)
         for over_x, over_y in ((False, False), (True, False), (False, True), (True, True)):
             over = torch.tensor([over_x, over_y], device=place.device)
             corner = torch.where(over, beside, own)
-            if self.kept is not None:
-                corner = torch.where(self._is_kept(corner)[..., None], corner, own)
+            if there is not None:
+                corner = torch.where(there[self._number(corner)][..., None], corner, own)
             dof, values = self._shapes_in(corner, position, orders, present)
             weight = torch.where(over, part, 1 - part).prod(-1, keepdim=True)
             dofs.append(dof)
@@ -329,7 +329,8 @@ class Mesh:
         position = place * cells
         # Differentiable in the place: only the number of the element is piecewise constant.
         corner = position.detach().floor().clamp(min=0).minimum(cells - 1)
-        return (position, corner, None) if self.kept is None else (position, *self._beside_holes(position, corner))
+        there = self._there(place.device)
+        return (position, corner, None) if there is None else (position, *self._beside_holes(there, position, corner))
 
     def _shapes_in(
         self, corner: Tensor, position: Tensor, orders: Sequence[tuple[int, int]], present: Tensor | None
@@ -345,14 +346,15 @@ class Mesh:
         """Of elements, by their corners, those that a hole takes away too."""
         return (corner[..., 0] + self.cells[0] * corner[..., 1]).long()
 
-    def _is_kept(self, corner: Tensor) -> Tensor:
-        """Whether elements are there, by their corners."""
-        assert self.kept is not None
-        there = torch.zeros(self.cells[0] * self.cells[1], dtype=torch.bool, device=corner.device)
-        there[self.kept.to(corner.device)] = True
-        return there[self._number(corner)]
+    def _there(self, device: torch.device) -> Tensor | None:
+        """Whether elements are there, by their numbers; None where all are."""
+        if self.kept is None:
+            return None
+        there = torch.zeros(self.cells[0] * self.cells[1], dtype=torch.bool, device=device)
+        there[self.kept.to(device)] = True
+        return there
 
-    def _beside_holes(self, position: Tensor, corner: Tensor) -> tuple[Tensor, Tensor]:
+    def _beside_holes(self, there: Tensor, position: Tensor, corner: Tensor) -> tuple[Tensor, Tensor]:
         """An element that is there for each place, that on the other side of its edge where need be; and whether."""
         position, cells = position.detach(), corner.new_tensor(self.cells)
         found, present = corner, torch.zeros_like(corner[..., 0], dtype=torch.bool)
@@ -360,12 +362,12 @@ class Mesh:
             back = corner.new_tensor([back_x, back_y])
             on_edge = ((back == 0) | ((position - corner).abs() <= ON_LINE)).all(-1)
             tried = (corner - back).clamp(min=0)
-            also = self._is_kept(tried) & on_edge & ~present
+            also = there[self._number(tried)] & on_edge & ~present
             # A place a rounding below a line belongs to the element beyond it, too.
             found, present = torch.where(also[..., None], tried, found), present | also
             forward = (corner + back).minimum(cells - 1)
             on_far = ((back == 0) | ((position - corner - 1).abs() <= ON_LINE)).all(-1)
-            also = self._is_kept(forward) & on_far & ~present
+            also = there[self._number(forward)] & on_far & ~present
             found, present = torch.where(also[..., None], forward, found), present | also
         return found, present
 
