@@ -311,17 +311,15 @@ class Mesh:
         beside = (own + away).clamp(min=0).minimum(own.new_tensor(self.cells) - 1)
         # Half at the edge, and nothing at the middle, where it goes over to the element on the other side.
         part = 2 * (0.5 - torch.minimum(within, 1 - within)).clamp(0.0, 0.5).square()
-        dofs, every, there = [], [], self._there(place.device)
-        for over_x, over_y in ((False, False), (True, False), (False, True), (True, True)):
-            over = torch.tensor([over_x, over_y], device=place.device)
-            corner = torch.where(over, beside, own)
-            if there is not None:
-                corner = torch.where(there[self._number(corner)][..., None], corner, own)
-            dof, values = self._shapes_in(corner, position, orders, present)
-            weight = torch.where(over, part, 1 - part).prod(-1, keepdim=True)
-            dofs.append(dof)
-            every.append([weight * value for value in values])
-        return torch.cat(dofs, dim=-1), [torch.cat(parts, dim=-1) for parts in zip(*every, strict=True)]
+        over = torch.tensor([[False, False], [True, False], [False, True], [True, True]], device=place.device)
+        four, there = torch.where(over, beside[..., None, :], own[..., None, :]), self._there(place.device)
+        if there is not None:
+            four = torch.where(there[self._number(four)][..., None], four, own[..., None, :])
+        dof, every = self._shapes_in(
+            four, position[..., None, :], orders, None if present is None else present[..., None]
+        )
+        weight = torch.where(over, part[..., None, :], 1 - part[..., None, :]).prod(-1, keepdim=True)
+        return dof.flatten(-2), [(weight * value).flatten(-2) for value in every]
 
     def _located(self, place: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
         """Places in elements' sides, the corner of the element each lies in, and whether that one is there."""
