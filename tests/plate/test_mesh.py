@@ -80,6 +80,46 @@ def test_a_cubic_field_is_read_exactly_between_the_nodes(mesh: Mesh) -> None:
     torch.testing.assert_close(mesh.deflection_at(place) @ dofs_of(mesh), cubic(place), rtol=0, atol=1e-12)
 
 
+def about(mesh: Mesh, dofs: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
+    """w and both relative slopes by `shapes_about` [place, 3]."""
+    dof, every = mesh.shapes_about(place, (0, 0), (1, 0), (0, 1))
+    return torch.stack([(value * dofs[dof]).sum(-1) for value in every], dim=-1)
+
+
+# The hole's elements hold dofs of their own inside: whatever reads them sees these numbers.
+HOLED = Mesh(0.7, 0.3, 8, 8, cut=((0.25, 0.25, 0.75, 0.75),))
+
+
+@pytest.mark.parametrize("mesh", [RECTANGLE, HOLED], ids=["whole", "beside a hole"])
+def test_about_a_place_a_cubic_field_is_read_exactly_and_nothing_of_a_hole(mesh: Mesh) -> None:
+    generator = torch.Generator().manual_seed(2)
+    place = torch.rand(200, 2, generator=generator, dtype=torch.float64)
+    place = torch.cat([place, torch.tensor([(1.0, 1.0), (0.2, 0.5), (0.2, 0.3), (0.2499, 0.5)], dtype=torch.float64)])
+    if mesh is HOLED:
+        place = place[~((place - 0.5).abs() < 0.25).all(-1)]
+    dofs = dofs_of(mesh)
+    inside = ((mesh.node_place - 0.5).abs() < 0.2).all(-1) if mesh is HOLED else torch.zeros(24, dtype=torch.bool)
+    dofs.unflatten(0, (-1, 3))[inside] = 1e3
+    at = place.clone().requires_grad_()
+    (slope,) = torch.autograd.grad(cubic(at).sum(), at)
+    expected = torch.cat([cubic(place)[:, None], slope], dim=-1)
+    torch.testing.assert_close(about(mesh, dofs, place), expected, rtol=0, atol=1e-11)
+
+
+def test_about_a_place_slopes_go_over_from_element_to_element() -> None:
+    dofs = torch.rand(RECTANGLE.n_dof, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    edge = torch.tensor([(0.4, 0.41), (0.4, 0.9), (0.33, 1 / 3), (0.07, 2 / 3)], dtype=torch.float64)
+    step = 1e-7 * torch.tensor([(1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, 1.0)], dtype=torch.float64)
+    moved = about(RECTANGLE, dofs, edge + step) - about(RECTANGLE, dofs, edge - step)
+    assert float(moved.abs().max()) < 1e-4
+    slopes = [
+        (RECTANGLE.deflection_at(at, 1, 0) + RECTANGLE.deflection_at(at, 0, 1)) @ dofs
+        for at in (edge + step, edge - step)
+    ]
+    # Those of each element jump.
+    assert float((slopes[0] - slopes[1]).abs().min()) > 0.01
+
+
 def test_the_polynomial_goes_on_beyond_the_edge() -> None:
     place = torch.tensor([(-0.01, 0.4), (1.02, 0.5), (0.3, -0.02), (0.6, 1.03)], dtype=torch.float64)
     torch.testing.assert_close(RECTANGLE.deflection_at(place) @ dofs_of(RECTANGLE), cubic(place), rtol=0, atol=1e-12)
