@@ -19,7 +19,7 @@ NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="this machine 
 os.fsync = lambda _: None  # type: ignore[assignment]
 
 # Shapes and types are checked at so many first calls of each function in each test: to check thousands of calls that
-# are alike takes half of the time of all tests. `make check` checks twenty.
+# are alike takes half of the time of all tests. `make check` checks three.
 FIRST_CALLS = int(os.environ.get("CHECKED_CALLS", "1"))
 
 _every_call = jaxtyping.jaxtyped

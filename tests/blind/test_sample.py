@@ -29,6 +29,8 @@ SAMPLE = {
     47: "support_spring and channel_polarity",
     63: "a clipped channel, beyond the catalogue",
 }
+# What takes longest of them runs in `make proofs`.
+LONG = (47, 85, 102)
 BAND = "measurement.band=[5.0, 150.0]"
 
 
@@ -38,7 +40,13 @@ def in_the_lower_band(config: Path, out: Path) -> None:
 
 # `make test` names a hidden mass in tests/cli/test_diagnose.py.
 @pytest.mark.check
-@pytest.mark.parametrize("index", [pytest.param(index, id=f"{index}-{name}") for index, name in SAMPLE.items()])
+@pytest.mark.parametrize(
+    "index",
+    [
+        pytest.param(index, id=f"{index}-{name}", marks=[pytest.mark.proof] if index in LONG else [])
+        for index, name in SAMPLE.items()
+    ],
+)
 def test_what_is_hidden_is_named(index, tmp_path):
     found = run_case("A", index, tmp_path, in_the_lower_band)
     assert found["diagnosis"], found.get("error")

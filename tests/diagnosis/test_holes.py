@@ -78,7 +78,7 @@ def test_at_a_place_holes_of_all_sizes_are_tried():
 
 
 @pytest.mark.check
-@pytest.mark.parametrize("name", list(HOLES))
+@pytest.mark.parametrize("name", [pytest.param("on lines", marks=pytest.mark.proof), "between"])
 def test_a_hole_is_named(lab, name):
     cells, corners = HOLES[name]
     line = torch.arange(20.0, 500.0, 2.0, dtype=torch.float64)

@@ -90,6 +90,7 @@ def test_its_place_is_found_whatever_its_law(lab, kind):
     assert float((one.grid.place[nearest] - force.place).abs().max()) < 0.2
 
 
+@pytest.mark.check
 def test_something_else_is_no_force_at_a_place(lab):
     """A plate that is softer everywhere in one direction; and noise alone."""
     one = scene(lab, lambda lines: 0.0 * lines)
@@ -119,6 +120,7 @@ def test_what_is_linear_pulls_alike_in_all_hits_and_one_sensor_finds_it(lab, n_r
     assert float(force.theta[0]) == pytest.approx(2.05e11, rel=2e-3)
 
 
+@pytest.mark.check
 def test_what_larger_errors_would_do_is_no_force(lab):
     """Where noise and nuisances may be so many times what was said of them, these do as well."""
     one = scene(lab, lambda lines: 3e4 + 200.0 * lines)
@@ -129,6 +131,7 @@ def test_what_larger_errors_would_do_is_no_force(lab):
     assert found(one) is None
 
 
+@pytest.mark.check
 def test_a_place_is_less_sure_where_what_is_left_is_worth_fewer_numbers(lab, monkeypatch):
     one = scene(lab, lambda lines: 3e4 + 200.0 * lines)
     sure = found(one).std
@@ -136,6 +139,7 @@ def test_a_place_is_less_sure_where_what_is_left_is_worth_fewer_numbers(lab, mon
     assert max(found(one).std) > 5 * max(sure)
 
 
+@pytest.mark.check
 def test_a_law_that_differs_from_hit_to_hit_shows_in_the_fitted_frfs(lab):
     """By 0.2 % of what pulls there: the FRF put aside alone would not tell."""
     force = found(scene(lab, lambda lines: 3e4 + 200.0 * lines + cord(lines), differ=2e-3, reference=[9, 21, 1, 19]))
@@ -194,6 +198,7 @@ def test_it_is_told_as_what_it_is_and_costs_no_fields(lab):
 
 
 @pytest.mark.check
+@pytest.mark.proof
 def test_what_a_force_accounts_for_is_not_named(lab):
     """A spring to the ground was named, whatever was left beside it."""
     one = scene(lab, lambda lines: 3e4 + 200.0 * lines, refine=8)

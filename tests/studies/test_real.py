@@ -30,6 +30,7 @@ def test_every_case_has_a_config():
 
 
 @pytest.mark.check
+@pytest.mark.proof
 def test_nothing_is_missing_from_the_strip_that_its_peaks_show(console, tmp_path):
     found = examine(case("free_strip_peaks"), console, tmp_path, report=False)
     assert found.diagnosis.verdict == "consistent"
@@ -59,6 +60,7 @@ def test_the_grain_of_wood_of_unknown_species_is_named(name, console, tmp_path):
 
 
 @pytest.mark.check
+@pytest.mark.proof
 def test_frfs_whose_phases_say_nothing_are_not_explained(console, tmp_path):
     found = examine(case("free_strip"), console, tmp_path, ["measurement.band=[25, 60]", "mesh.n_x=40"], report=False)
     if found is None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 DRIVER = Path(__file__).parent / "killing.py"
-KILLS = int(os.environ.get("TORCHPLATE_KILLS", "6"))
+KILLS = int(os.environ.get("TORCHPLATE_KILLS", "3"))
 
 
 def killed(*arguments: object) -> None:
