@@ -196,7 +196,7 @@ def test_a_line_that_stands_out_in_one_frf_is_noise_of_that_line(lab, loss):
     assert float((before.std / std).max()) < 1.6
 
 
-@pytest.mark.parametrize("hums", [True, False])
+@pytest.mark.parametrize("hums", [True, pytest.param(False, marks=pytest.mark.check)])
 def test_the_mains_are_noise_in_all_frfs_and_no_other_line_is(lab, hums):
     """What all FRFs show at one line may be a resonance; not where the mains are."""
     frf = without_noise(lab, "oblong", 8e-3, 1.0)

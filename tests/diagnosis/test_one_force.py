@@ -69,7 +69,7 @@ def found(one: SimpleNamespace):
         return one_force(one.builder, one.fit, {}, one.apart, one.grid)
 
 
-@pytest.mark.parametrize("kind", ["accelerance", "receptance"])
+@pytest.mark.parametrize("kind", ["accelerance", pytest.param("receptance", marks=pytest.mark.check)])
 def test_its_place_is_found_whatever_its_law(lab, kind):
     """A stiffness that grows with frequency and differs from hit to hit: no spring, dashpot or mass is that."""
     one = scene(lab, lambda lines: 3e4 + 200.0 * lines, kind)
@@ -102,7 +102,7 @@ def test_something_else_is_no_force_at_a_place(lab):
         assert one_force(grained.builder, grained.fit, {}, apart, Grid(7, 5, False)) is None
 
 
-@pytest.mark.parametrize("n_response", [4, 1])
+@pytest.mark.parametrize("n_response", [pytest.param(4, marks=pytest.mark.check), 1])
 def test_what_is_linear_pulls_alike_in_all_hits_and_one_sensor_finds_it(lab, n_response):
     """A cord with three resonances of its own in the band, lossy."""
 

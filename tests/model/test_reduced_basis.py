@@ -477,6 +477,7 @@ def test_a_basis_does_not_hold_what_sits_elsewhere_or_bends_otherwise_or_is_much
     assert not reduced_basis.shares_basis(model, model.plan(here), model.plan(here), n_mode=2)
 
 
+@pytest.mark.check
 def test_beside_a_rib_the_basis_knows_what_taking_the_mesh_error_off_adds_to_its_moments():
     """As the rows of a rib are those of corrected modes, it pushes by more than in the modes that a basis holds."""
     known = KNOWN | {"plate.youngs_modulus": 7e10, "plate.poisson_ratio": 0.33, "plate.thickness": 3e-3}
