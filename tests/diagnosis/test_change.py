@@ -636,7 +636,6 @@ def test_a_patch_that_came_is_as_large_as_it_is_on_whatever_mesh():
 
 
 @pytest.mark.check
-@pytest.mark.proof
 def test_what_was_settled_beside_other_lines_is_told_of_all_of_them():
     """A mode that comes into the band on the finer mesh brings ten lines with it."""
     comparing, finer, state, _ = on_both_meshes(came=True, step=2)

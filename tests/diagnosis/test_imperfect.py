@@ -146,7 +146,6 @@ def test_candidates_are_scored_beside_the_plate_as_it_was_told(lab):
 
 @torch.no_grad()
 @pytest.mark.check
-@pytest.mark.proof
 def test_dampings_that_took_on_a_window_are_put_back_and_the_section_is_kept(lab):
     """No peak moves with them: beside their law the window promises most, and its refit ends where it is."""
     window = {"window": CATALOGUE["exponential_window"]()}
