@@ -97,12 +97,13 @@ import os
 from torchplate.cli.main import main
 main(['effects'])
 import torch
-print([os.environ.get(name) for name in ('OPENBLAS_NUM_THREADS', 'OMP_WAIT_POLICY')], torch.get_num_threads())
+names = ('OPENBLAS_NUM_THREADS', 'OMP_WAIT_POLICY', 'GOMP_SPINCOUNT')
+print([os.environ.get(name) for name in names], torch.get_num_threads())
 """
 
 
 def threads_after(*arguments: str, **set_by_the_user: str) -> str:
-    named = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_WAIT_POLICY")
+    named = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_WAIT_POLICY", "GOMP_SPINCOUNT")
     environment = {name: value for name, value in os.environ.items() if name not in named} | set_by_the_user
     command = [sys.executable, "-c", THREADS.replace("['effects']", repr([*arguments] or ["effects"]))]
     told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
@@ -118,12 +119,13 @@ def test_threads_of_a_command_sleep_while_they_wait_and_torch_keeps_all_of_its_o
         text=True,
         check=True,
     ).stdout.split()[-1]
-    assert threads_after() == f"['1', 'PASSIVE'] {given}"
+    assert threads_after() == f"['1', 'PASSIVE', '1000'] {given}"
 
 
 @pytest.mark.check
 def test_threads_that_the_user_has_set_stay():
-    assert threads_after(OMP_NUM_THREADS="1", OMP_WAIT_POLICY="ACTIVE") == "[None, 'ACTIVE'] 1"
+    assert threads_after(OMP_NUM_THREADS="1", OMP_WAIT_POLICY="ACTIVE") == "[None, 'ACTIVE', None] 1"
+    assert threads_after(GOMP_SPINCOUNT="7").startswith("['1', 'PASSIVE', '7']")
     assert threads_after("diagnose", "no.yaml", OMP_NUM_THREADS="2").endswith(" 2")
 
 
@@ -137,4 +139,4 @@ def test_one_model_at_a_time_takes_one_thread_so_that_its_digits_hang_on_no_numb
 @pytest.mark.parametrize("verb", ["diagnose", "plan"])
 def test_a_diagnosis_takes_one_thread(verb):
     """It evaluates one model at a time; `plan` set its threads after torch had read them."""
-    assert threads_after(verb, "no.yaml") == "['1', 'PASSIVE'] 1"
+    assert threads_after(verb, "no.yaml") == "['1', 'PASSIVE', '1000'] 1"

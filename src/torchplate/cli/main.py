@@ -33,6 +33,8 @@ OUTSIDE = {
 
 # Who names a number of threads means it, for OpenBLAS too.
 COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS")
+# Turns of a loop that a thread of GNU's library waits for before it sleeps: by its source about 100,000 a millisecond.
+SPINS = "1000"
 # Verbs that evaluate no population.
 ONE_BY_ONE = ("diagnose", "plan", "simulate")
 
@@ -222,16 +224,20 @@ def _not_taken(left: Sequence[str], parsed: argparse.Namespace) -> str:
 def _threads_as_matrices_want(environment: MutableMapping[str, str], verb: str) -> None:
     """Matrices here are small, and threads that wait for the next one keep a core busy which others need.
 
-    OpenBLAS, which SciPy calls, gets one thread; torch keeps all of its own, which sleep between two pieces of work. A
-    diagnosis takes one model at a time, of a few dozen modes: more threads than one make it slower, and cost more. One
-    plate that is simulated gains nothing by them either, and its file is the same on any number of cores.
+    OpenBLAS, which SciPy calls, gets one thread; torch keeps all of its own, which sleep between two pieces of work.
+    They wait some 10 µs before they do: an eigenproblem is thousands of pieces that follow one another at once, and to
+    wake a thread for each of them takes several times as long as one thread alone. A diagnosis takes one model at a
+    time, of a few dozen modes: more threads than one make it slower, and cost more. One plate that is simulated gains
+    nothing by them either, and its file is the same on any number of cores.
     The libraries read this once, as they are imported. What the user has set stays.
     """
     if not any(name in environment for name in COUNTS):
         environment["OPENBLAS_NUM_THREADS"] = "1"
         if verb in ONE_BY_ONE:
             environment["OMP_NUM_THREADS"] = "1"
-    environment.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    if "OMP_WAIT_POLICY" not in environment:
+        environment["OMP_WAIT_POLICY"] = "PASSIVE"
+        environment.setdefault("GOMP_SPINCOUNT", SPINS)
 
 
 def _is_out_of_memory(error: Exception) -> bool:
