@@ -6,7 +6,7 @@ import torch
 
 from torchplate.effects import GrainAngle, Orthotropy, Plate, Searched, StiffnessLoss
 from torchplate.model import PlateModel
-from torchplate.plate import Mesh, element
+from torchplate.plate import Mesh, element, patch
 
 NONE = torch.zeros(0, dtype=torch.float64)
 STEEL = {"plate.youngs_modulus": 205e9, "plate.density": 7850.0, "plate.thickness": 0.002}
@@ -124,3 +124,23 @@ def test_members_with_patches_in_their_own_places_are_each_as_alone() -> None:
     torch.testing.assert_close(found, projected, rtol=0, atol=1e-10 * float(projected.abs().max()))
     hidden = torch.vmap(lambda place: seen.assembly.system(*seen.plan(place)).stiffness)(places)
     torch.testing.assert_close(hidden, projected, rtol=0, atol=1e-10 * float(projected.abs().max()))
+
+
+@pytest.mark.parametrize("cut", [(), ((0.0, 0.0, 0.25, 0.5),)])
+def test_patches_at_places_far_apart_are_what_each_is_alone(cut: tuple[tuple[float, ...], ...]) -> None:
+    """Elements that no member's patch reaches are left out where somebody may look: one lies off the plate."""
+    mesh = Mesh(0.5, 0.4, 8, 6, cut=cut)
+    x, y = (torch.tensor(place, dtype=torch.float64) for place in ([0.2, 0.83, 0.5, -3.0], [0.71, 0.9, 0.55, 0.5]))
+    size, factor = torch.full_like(x, 0.17), torch.tensor([0.2 + 0.1j, 0.5, 1.7, 0.4])
+
+    def uneven(x: torch.Tensor, y: torch.Tensor, size: torch.Tensor, factor: torch.Tensor) -> torch.Tensor:
+        return patch.uneven_bending(mesh, *mesh.outline(x, y, size, 1.3), factor, torch.full_like(x, 0.3)[..., None])
+
+    together = uneven(x, y, size, factor)
+    alone = torch.stack([uneven(*each) for each in zip(x, y, size, factor, strict=True)])
+    everywhere = uneven(x.clone().requires_grad_(), y, size, factor)
+    # Vectors of complex numbers and those that are left over round differently.
+    torch.testing.assert_close(together, alone, rtol=0, atol=1e-16)
+    torch.testing.assert_close(together, everywhere.detach(), rtol=0, atol=1e-16)
+    assert together[:3].abs().amax((-1, -2, -3)).min() > 1e-3
+    assert not bool(together[3].any())

@@ -459,7 +459,8 @@ def _differs(coefficient: Float[Tensor, "*batch n_element n_pattern"]) -> Bool[T
     """
     if coefficient.requires_grad or transformed():
         return None
-    return coefficient.ne(0).any(-1).reshape(-1, coefficient.shape[-2])
+    # Several times as fast as `any` of those that are not.
+    return coefficient.abs().sum(-1).ne(0).reshape(-1, coefficient.shape[-2])
 
 
 def _few(where: Bool[Tensor, " n_element"]) -> Int[Tensor, " n_some"] | None:

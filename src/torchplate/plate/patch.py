@@ -6,6 +6,8 @@ the bending goes over the element. Both together are exact to first order in how
 strips one after the other, under moments that are linear along them, exact altogether.
 """
 
+from collections.abc import Sequence
+
 import torch
 from jaxtyping import Float, Inexact
 from torch import Tensor
@@ -13,6 +15,7 @@ from torch import Tensor
 from torchplate.plate.laminate import laminate
 from torchplate.plate.mesh import Mesh
 from torchplate.plate.section import Section
+from torchplate.plate.transforms import transformed
 
 # Powers of a relative place, 0 to 4: curvatures have squares in them, the twist of an element among them; and 0 to 6,
 # since deflections have cubes.
@@ -150,24 +153,57 @@ def uneven_bending(
     Structural Analysis, 1968, chapter 6), for M_x = D (κ_x + ν κ_y); beside each other they are bent alike.
     """
     strips = [_strips(over, n, factor) for over, n in zip((over_x, over_y), mesh.cells, strict=True)]
-    (part_x, series_x, beside_x), (part_y, series_y, beside_y) = strips
+    # Elements that no member's patch reaches are left out, and are zero: a patch is small.
+    alike = poisson_ratio.shape[-1] == 1
+    near = [_reached(part) if alike else slice(None) for part, _, _ in strips]
+    (part_x, series_x, beside_x), (part_y, series_y, beside_y) = (
+        [one[..., some, :] for one in strip] for strip, some in zip(strips, near, strict=True)
+    )
     nu = poisson_ratio.square()[..., None, None]
     # Where both sides are cut, half of each is taken before the other and half after it.
-    series, beside = _both(mesh, series_x, part_y), _both(mesh, beside_x, part_y)
-    turned, aside = _both(mesh, part_x, series_y), _both(mesh, part_x, beside_y)
+    series, beside = _products(series_x, part_y), _products(beside_x, part_y)
+    turned, aside = _products(part_x, series_y), _products(part_x, beside_y)
     found = (
         series + nu * turned + (1 - nu) * aside,
         turned + nu * series + (1 - nu) * beside,
         series + turned,
         beside + aside,
     )
-    return torch.stack(found, dim=-3).flatten(-2)
+    some = torch.stack(found, dim=-3).flatten(-2)
+    return mesh.of_kept_elements(_among(some, near, mesh.cells), -3)
+
+
+def _reached(part: Tensor) -> slice:
+    """Rows of elements from the first to the last that some member's strip covers; all of them where nobody may look.
+
+    What is zero here and has a derivative does not stay zero.
+    """
+    if part.requires_grad or transformed():
+        return slice(None)
+    rows = torch.nonzero(part[..., 0].reshape(-1, part.shape[-2]).abs().sum(0)).flatten()
+    return slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) else slice(0, 0)
+
+
+def _among(
+    value: Inexact[Tensor, "*batch n_some n_entry n_power"], near: Sequence[slice], cells: tuple[int, int]
+) -> Inexact[Tensor, "*batch n_element n_entry n_power"]:
+    """Values of the elements in some columns and rows, zero in the others."""
+    (first_x, last_x, _), (first_y, last_y, _) = (some.indices(n) for some, n in zip(near, cells, strict=True))
+    if (last_x - first_x, last_y - first_y) == cells:
+        return value
+    found = value.new_zeros(*value.shape[:-3], cells[1], cells[0], *value.shape[-2:])
+    found[..., first_y:last_y, first_x:last_x, :, :] = value.unflatten(-3, (last_y - first_y, last_x - first_x))
+    return found.flatten(-4, -3)
 
 
 def _both(mesh: Mesh, along_x: Tensor, along_y: Tensor) -> Inexact[Tensor, "*batch n_element n_power n_power"]:
-    """Products of what goes along x and along y, elements counted along x first."""
-    each = along_y[..., :, None, None, :] * along_x[..., None, :, :, None]
-    return mesh.of_kept_elements(each.flatten(-4, -3), -3)
+    """Products of what goes along x and along y, in each element."""
+    return mesh.of_kept_elements(_products(along_x, along_y), -3)
+
+
+def _products(along_x: Tensor, along_y: Tensor) -> Inexact[Tensor, "*batch n_place n_power n_power"]:
+    """Products of what goes along x and along y, places counted along x first."""
+    return (along_y[..., :, None, None, :] * along_x[..., None, :, :, None]).flatten(-4, -3)
 
 
 def _covered(over: tuple[Tensor, Tensor], n: int, n_power: int) -> Float[Tensor, "*batch n n_power"]:
