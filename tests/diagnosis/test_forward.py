@@ -94,6 +94,7 @@ def hide(name: str, options: Mapping[str, object] | None = None, **values: float
 MASS = hide("point_mass", x=0.72, y=0.31, mass=0.06)
 HOLE = hide("cut_out", x0=0.43, y0=0.31, x1=0.57, y1=0.47)
 SMALL_HOLE = hide("cut_out", x0=0.71, y0=0.33, x1=0.79, y1=0.41)
+RIB = hide("rib", x0=0.21, y0=0.27, x1=0.23, y1=0.83, bending=30.0, torsion=12.0, mass_per_length=0.1)
 FLIPPED = hide("channel_polarity", {"channels": ((None, 9),)})
 CASES = {
     "nothing": ((), YOUNG, {}),
@@ -795,8 +796,13 @@ def test_beside_a_finer_mesh_candidates_promise_what_they_would_on_it(lab, monke
 @pytest.mark.check
 @pytest.mark.parametrize(
     ("hidden", "name", "low", "high", "most"),
-    [(MASS, "mass", 0.03, 0.1, 3), (HOLE, "x1", 0.4, 0.7, 30), (SMALL_HOLE, "y1", 0.3, 0.5, 150)],
-    ids=["mass", "hole", "small hole"],
+    [
+        (MASS, "mass", 0.03, 0.1, 3),
+        (HOLE, "x1", 0.4, 0.7, 30),
+        (SMALL_HOLE, "y1", 0.3, 0.5, 150),
+        (RIB, "bending", 10.0, 60.0, 30),
+    ],
+    ids=["mass", "hole", "small hole", "rib"],
 )
 def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab, hidden, name, low, high, most):
     """Under a mass, whose force the elements do not follow; at corners of a hole at most. Against 10,000 elements."""
@@ -826,6 +832,30 @@ def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab, hidden, n
     # It need not be sharp, and it is no less than what is left.
     expected = selection.settling.left_by_mesh(coarse, fine, finer)
     assert left < float(marginal.whitened(marginal.over_noise(expected)).square().sum()) < most * left
+
+
+@pytest.mark.check
+def test_beside_a_rib_the_finer_mesh_is_expected_to_leave_as_much_as_it_does(lab):
+    """Its couples are a kink for the elements that it crosses, which taking the plate's mesh error off leaves."""
+    true = plate(hidden=(RIB,))
+    known = {key: value for key, value in true.known_values.items() if key != "hidden_0.bending"}
+    model = true.replaced(known=known, searched={"hidden_0.bending": Searched(10.0, 60.0)})
+    theta = torch.tensor([RIB[1]["bending"]], dtype=torch.float64)
+    frf = true.frf(lab.nobody, LINES)
+    std = lab.true_std(frf, 1e-3, "mixed")
+    noise, none = Noise(std, lab.true_floor(std, frf), (), torch.zeros_like(std)), torch.zeros(2, 3, dtype=torch.bool)
+    target = FrfTarget(lab.measured(LINES, frf, RESPONSE, REFERENCE), noise, none, False, PERFECT)
+    selection = ForwardSelection.of(model, target, {}, lambda _: None)
+    given = selection.builder.given
+    coarse = State(given, fit(selection.builder, given, given.space.to_cube(theta)[None], wide=False))
+    builder = selection.settling.on_a_finer_mesh(coarse)
+    finest = ModelBuilder(model, target, fineness=replace(SETTINGS.meshes.settling, least=10_000))
+    fine, truth = (one.natural_frequencies(given, theta)[3:-1] for one in (builder, finest))
+    off = ((fine - truth) / truth).abs()
+    line = torch.searchsorted(LINES, truth).clamp(max=len(LINES) - 1)
+    expected, plain = builder.target.mesh_shift[line], selection.builder.fineness.shift
+    assert float(off.square().mean().sqrt()) < float(expected.square().mean().sqrt()) < 10 * float(off.max())
+    assert float(off.max()) > plain
 
 
 @torch.no_grad()

@@ -287,21 +287,38 @@ class ModelBuilder:
         """
         return self.against(about_peaks(self.target, int((found.frequency <= self.top).sum())))
 
-    def expecting(self, found: Extrapolated) -> "ModelBuilder":
+    def natural_frequencies(self, model: PlateModel, theta: Float[Tensor, " n_parameter"]) -> Float[Tensor, " n_mode"]:
+        """Of a model whose mesh error is taken off, up to the band's end and one beyond [Hz].
+
+        Args:
+            model: in all dofs.
+            theta: its searched parameters.
+        """
+        reduced = self.reduced(self.corrected(model, theta).model, theta[None])
+        found = reduced.modes(theta[None], check=False).frequency[0]
+        return found[: int((found <= self.top).sum()) + 1]
+
+    def expecting(self, found: Extrapolated, beside: Extrapolated | None = None) -> "ModelBuilder":
         """The same, its target weighed by what this mesh leaves of its error.
 
         Args:
             found: a model of this builder, with natural frequencies and their errors.
+            beside: with what sits at places, and the part of natural frequencies that is left for that alone.
         """
-        worst = found.error.abs().cummax(0).values
-        line = self.target.frequency.to(found.frequency)
-        at = torch.searchsorted(found.frequency.contiguous(), line.contiguous()).clamp(max=len(worst) - 1)
-        shift = self.fineness.shift + self.fineness.part * worst[at]
+        shift = self.fineness.shift + self.fineness.part * self._at_lines(found)
+        if beside is not None:
+            shift = shift + self._at_lines(beside)
         in_band = int((found.frequency <= self.top).sum())
         n_x, n_y = self.mesh.cells
         side = max(self.mesh.length_x / n_x, self.mesh.length_y / n_y)
         place = self.fineness.place * side
         return self.against(self.target.with_mesh_error(shift, self.fineness.shape, in_band, place))
+
+    def _at_lines(self, found: Extrapolated) -> Float[Tensor, " n_frequency"]:
+        """The greatest error of natural frequencies up to each line, relative to them [-]."""
+        worst = found.error.abs().cummax(0).values
+        line = self.target.frequency.to(found.frequency)
+        return worst[torch.searchsorted(found.frequency.contiguous(), line.contiguous()).clamp(max=len(worst) - 1)]
 
     def as_fine_as(self, fineness: Fineness) -> "ModelBuilder":
         """The same on another mesh whose error is taken off, made once; what it costs is counted here."""

@@ -111,6 +111,9 @@ class Effect(ABC):
 
     `like` names what every test has a little of and that looks like it: a law of damping is like the scatter of the
     modes' own dampings. Where a test would need far more of that than tests have, the effect is tried.
+
+    `jumps` says that the plate's moments jump across it wherever it lies, between lines of the mesh too: what a mesh
+    leaves is then of the first order in a side, and of the second elsewhere.
     """
 
     name: ClassVar[str]
@@ -123,6 +126,7 @@ class Effect(ABC):
     to_ground: ClassVar[str | None] = None
     contains: ClassVar[tuple[str, ...]] = ()
     like: ClassVar[frozenset[str]] = frozenset()
+    jumps: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
         """Enter the catalogue under the class's name in snake case."""

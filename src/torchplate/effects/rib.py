@@ -50,6 +50,8 @@ class Rib(Effect):
     }
     check = Check(1, "look at both sides for a bead, a brace or a glued strip, and measure its ends")
     acts_on = frozenset({"mass", "stiffness"})
+    # Its torsion is a couple along its line, where the plate's curvature then jumps inside of elements.
+    jumps = True
     shows = "Lifts the modes that bend or twist along one line and lowers those that merely move there."
     source = "Timoshenko and Woinowsky-Krieger, Theory of Plates and Shells (1959), article 84, plates with ribs"
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+import torch
 from jaxtyping import Complex
 from torch import Tensor
 
@@ -14,7 +15,7 @@ from torchplate.diagnosis.selection.criterion import is_explained, is_noise, kno
 from torchplate.diagnosis.selection.exchange import Exchange
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
-from torchplate.model import PlateModel
+from torchplate.model import Extrapolated, PlateModel
 
 
 class Settling:
@@ -131,17 +132,37 @@ class Settling:
         """Change of the FRFs that the finer mesh may have left, from what two differ by where both are fitted.
 
         What is left is of the second order in a side: on meshes of n and N elements, e_N = (e_n − e_N) n / (N − n). At
-        the corners of a hole moments are singular, and it is of the first at worst: e_N = (e_n − e_N) / (√(N/n) − 1).
+        the corners of a hole moments are singular, across a rib they jump, and it is of the first at worst:
+        e_N = (e_n − e_N) / (√(N/n) − 1).
         """
+        return (coarse.fit.expected - fine.fit.expected) * self._left(finer, fine.model, fine.fit.theta)
+
+    def _left(self, finer: ModelBuilder, model: PlateModel, theta: Tensor) -> float:
+        """What the finer mesh leaves, in differences of the two."""
         times = finer.mesh.n_element / self.builder.mesh.n_element
-        if fine.model.has_hole(fine.fit.theta):
+        if model.has_hole(theta) or _jumps(model):
             times = times**0.5
-        return (coarse.fit.expected - fine.fit.expected) * (1 / (times - 1) if times > 1 else 0.0)
+        return 1 / (times - 1) if times > 1 else 0.0
 
     def on_a_finer_mesh(self, state: State) -> ModelBuilder:
         """What builds the last models, with the mesh error taken off where a state is."""
         builder = self.builder.as_fine_as(self.builder.target.settings.meshes.settling)
-        return builder.expecting(builder.corrected(state.model, state.fit.theta))
+        found = builder.corrected(state.model, state.fit.theta)
+        return builder.expecting(found, self._beside(builder, state) if _jumps(state.model) else None)
+
+    def _beside(self, finer: ModelBuilder, state: State) -> Extrapolated:
+        """What the finer mesh leaves of the natural frequencies beside that across which moments jump.
+
+        A mesh error is taken off without what sits at places, and of what is left much hangs on where in an element
+        that lies: on another mesh it may be more or less, and so it is no shape to be subtracted but a scatter.
+        """
+        theta = state.fit.theta
+        both = [one.natural_frequencies(state.model, theta) for one in (self.builder, finer)]
+        n = min(len(one) for one in both)
+        coarse, fine = (one[:n] for one in both)
+        # Rigid-body modes are zero on both.
+        off = (coarse - fine) / fine.clamp(min=torch.finfo(fine.dtype).tiny)
+        return Extrapolated(state.model, fine, off * self._left(finer, state.model, theta))
 
     def as_given_from(self, builder: ModelBuilder, model: PlateModel, before: Fit, wide: bool) -> Fit:
         """A model on the given mesh; what has no end near that of the same on a finer mesh is not followed to it."""
@@ -149,3 +170,8 @@ class Settling:
         near = settings.selecting.close + settings.selecting.close_part * before.square
         limit, beat = settings.searching.hopeless * before.square, Beat(before.way + near, before.cost + near)
         return fit(builder, model, start, self.prior, wide, limit, known_section(before), beat=beat)
+
+
+def _jumps(model: PlateModel) -> bool:
+    """Whether moments of the plate jump across one of its effects."""
+    return any(effect.jumps for effect in model.effects.values())
