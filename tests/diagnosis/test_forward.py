@@ -835,9 +835,10 @@ def test_what_two_meshes_differ_by_says_what_the_finer_one_leaves(lab, hidden, n
 
 
 @pytest.mark.check
-def test_beside_a_rib_the_finer_mesh_is_expected_to_leave_as_much_as_it_does(lab):
+@pytest.mark.parametrize("wires", [(2, 10, 19), ()], ids=["on wires", "free"])
+def test_beside_a_rib_the_finer_mesh_is_expected_to_leave_as_much_as_it_does(lab, wires):
     """Its couples are a kink for the elements that it crosses, which taking the plate's mesh error off leaves."""
-    true = plate(hidden=(RIB,))
+    true = plate(hidden=(RIB,), wires=wires)
     known = {key: value for key, value in true.known_values.items() if key != "hidden_0.bending"}
     model = true.replaced(known=known, searched={"hidden_0.bending": Searched(10.0, 60.0)})
     theta = torch.tensor([RIB[1]["bending"]], dtype=torch.float64)

@@ -88,7 +88,7 @@ def with_hole(
     Source: the finite cell method, Parvizian, Düster and Rank, Computational Mechanics 41 (2007), 121.
     """
     covered = [_covered(over, n, MOVED) for over, n in zip((over_x, over_y), mesh.cells, strict=True)]
-    every = _both(mesh, *covered)
+    every = mesh.of_kept_elements(_products(*covered), -3)
     inside = every[..., 0, 0]
     # By the same sums, so that nothing but what is left is left of an element that is inside: not even rounding.
     whole = _powers(inside.new_tensor(-0.5), inside.new_tensor(0.5), MOVED)
@@ -194,11 +194,6 @@ def _among(
     found = value.new_zeros(*value.shape[:-3], cells[1], cells[0], *value.shape[-2:])
     found[..., first_y:last_y, first_x:last_x, :, :] = value.unflatten(-3, (last_y - first_y, last_x - first_x))
     return found.flatten(-4, -3)
-
-
-def _both(mesh: Mesh, along_x: Tensor, along_y: Tensor) -> Inexact[Tensor, "*batch n_element n_power n_power"]:
-    """Products of what goes along x and along y, in each element."""
-    return mesh.of_kept_elements(_products(along_x, along_y), -3)
 
 
 def _products(along_x: Tensor, along_y: Tensor) -> Inexact[Tensor, "*batch n_place n_power n_power"]:
