@@ -18,12 +18,14 @@ NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="this machine 
 # Whether a file outlives a power cut no test can see, and a busy disk lets each wait for it.
 os.fsync = lambda _: None  # type: ignore[assignment]
 
-# Shapes and types are checked at so many first calls of each function in each test: to check thousands of calls that
-# are alike takes half of the time of all tests. `make check` checks three.
-FIRST_CALLS = int(os.environ.get("CHECKED_CALLS", "1"))
+# Shapes and types are checked at the first calls of each function: to check thousands that are alike takes half
+# of the time of all tests. `make check` checks three in each test; else it is one in each file of tests.
+IN_EACH_TEST = os.environ.get("CHECKED_CALLS")
+FIRST_CALLS = int(IN_EACH_TEST or 1)
 
 _every_call = jaxtyping.jaxtyped
 _n_call: Counter[int] = Counter()
+_counted_in = ""
 
 
 def at_first_calls(target: Any = None, *, typechecker: Callable) -> Any:
@@ -61,9 +63,13 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(50_000, 20, 100)
 
 
-def pytest_runtest_setup() -> None:
-    """Each test begins to count anew."""
-    _n_call.clear()
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Each test, or each file of tests, begins to count anew."""
+    global _counted_in
+    where = item.nodeid if IN_EACH_TEST else str(item.path)
+    if where != _counted_in:
+        _n_call.clear()
+        _counted_in = where
 
 
 @pytest.fixture(params=["cpu", pytest.param("cuda", marks=NO_GPU)])

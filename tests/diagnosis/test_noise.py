@@ -177,7 +177,7 @@ def test_lines_that_stand_out_alone_are_no_resonances(lab):
     assert float((large - moved(found[0], 2e-4)).norm()) < 0.2 * float(large.norm())
 
 
-@pytest.mark.parametrize("loss", [1.5e-3, 8e-3])
+@pytest.mark.parametrize("loss", [pytest.param(1.5e-3, marks=pytest.mark.check), 8e-3])
 def test_a_line_that_stands_out_in_one_frf_is_noise_of_that_line(lab, loss):
     """Something else was hit: no plate has such a peak, and no other line is less sure for it."""
     frf = without_noise(lab, "oblong", loss, 1.0)
@@ -196,7 +196,8 @@ def test_a_line_that_stands_out_in_one_frf_is_noise_of_that_line(lab, loss):
     assert float((before.std / std).max()) < 1.6
 
 
-@pytest.mark.parametrize("hums", [True, pytest.param(False, marks=pytest.mark.check)])
+@pytest.mark.check
+@pytest.mark.parametrize("hums", [True, False])
 def test_the_mains_are_noise_in_all_frfs_and_no_other_line_is(lab, hums):
     """What all FRFs show at one line may be a resonance; not where the mains are."""
     frf = without_noise(lab, "oblong", 8e-3, 1.0)

@@ -69,7 +69,8 @@ def found(one: SimpleNamespace):
         return one_force(one.builder, one.fit, {}, one.apart, one.grid)
 
 
-@pytest.mark.parametrize("kind", ["accelerance", pytest.param("receptance", marks=pytest.mark.check)])
+@pytest.mark.check
+@pytest.mark.parametrize("kind", ["accelerance", "receptance"])
 def test_its_place_is_found_whatever_its_law(lab, kind):
     """A stiffness that grows with frequency and differs from hit to hit: no spring, dashpot or mass is that."""
     one = scene(lab, lambda lines: 3e4 + 200.0 * lines, kind)
@@ -153,6 +154,7 @@ def test_of_one_hit_nobody_says_that_it_is_linear(lab):
     assert not force.alike
 
 
+@pytest.mark.check
 def test_a_mass_on_a_spring_to_the_ground_is_left_to_the_catalogue(lab):
     scene_of_mass = scene(lab, lambda lines: 3e4 - 0.05 * (2 * torch.pi * lines) ** 2, differ=0.0)
     assert found(scene_of_mass) is None

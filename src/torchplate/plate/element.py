@@ -7,7 +7,7 @@ corner are w, tx = dw/dy and ty = −dw/dx.
 Every integral is exact: monomials integrate over the unit square in closed form, and the sides enter as powers.
 """
 
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import torch
@@ -19,6 +19,9 @@ EXPONENT = torch.tensor(
     [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (3, 1), (1, 3)]
 )
 CORNER = torch.tensor([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)], dtype=torch.float64)
+
+# Shapes of elements whose patterns are kept, of 240 kB each.
+MOST_KNOWN = 32
 
 # The six independent entries of a symmetric 3 × 3 rigidity, in the order the patterns below are stored.
 RIGIDITY_ROW = (0, 1, 2, 0, 0, 1)
@@ -64,6 +67,7 @@ def shape_functions(
     return monomials(place, order_x, order_y) @ coefficient * scale / (a**order_x * b**order_y)
 
 
+@lru_cache(MOST_KNOWN)
 def patterns(a: float, b: float) -> Patterns:
     """Exact ∫ Bᵀ D B and ∫ Nᵀ N over an a × b element, split by the entries of D (seed paper, Eq. 13–14).
 
@@ -86,6 +90,7 @@ def patterns(a: float, b: float) -> Patterns:
     return Patterns(0.5 * (stiffness + stiffness.mT), 0.5 * (mass + mass.mT))
 
 
+@lru_cache(MOST_KNOWN)
 def uneven_patterns(a: float, b: float) -> Float[Tensor, "6 25 12 12"]:
     """The same of stiffness, where the rigidity goes with the place in the element: Σ D[i, j]_pq · pattern[k, 5p + q].
 
@@ -111,6 +116,7 @@ def uneven_patterns(a: float, b: float) -> Float[Tensor, "6 25 12 12"]:
     return torch.stack(found)
 
 
+@lru_cache(MOST_KNOWN)
 def uneven_mass_pattern(a: float, b: float) -> Float[Tensor, "49 12 12"]:
     """The same of mass, where the areal mass goes with the place in the element: Σ m_pq · pattern[7p + q].
 
