@@ -15,6 +15,8 @@ from torchplate.diagnosis.field.one_force import one_force, with_one_force
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.result import ONE_FORCE
+from torchplate.diagnosis.selection.forward import ForwardSelection
+from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.diagnosis.settings import SETTINGS
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.measurement import Noise
@@ -29,6 +31,13 @@ PLACE = (0.37, 0.81)
 def cord(lines):
     """The stiffness of a cord with three resonances of its own in the band, lossy."""
     return 2e4 / torch.tan((0.02 - 4e-4j) * (lines + 40.0))
+
+
+def absorber(lines):
+    """The stiffness of a mass of 12 g on a spring and a dashpot, tuned to 130 Hz."""
+    s, mass, damping = 2j * torch.pi * lines, 0.012, 0.5
+    spring = mass * (2 * torch.pi * 130.0) ** 2 + s * damping
+    return s**2 * mass * spring / (spring + s**2 * mass)
 
 
 def read(plate: PlateModel, kind: str, reference: list[int], refine: int = 1) -> PlateModel:
@@ -185,11 +194,12 @@ def test_what_is_left_has_nothing_of_a_force_at_that_place(lab, alike):
 def test_it_is_told_as_what_it_is_and_costs_no_fields(lab):
     one = scene(lab, lambda lines: 3e4 + 200.0 * lines)
     said: list[str] = []
-    inferred = infer_field(one.builder, one.fit, {}, said.append)
+    inferred = infer_field(one.builder, one.fit, {}, said.append, found(one))
     field = inferred.found
     assert (field.kind, field.form, field.unit) == ("support", ONE_FORCE, "N/N")
     assert not any("nodes" in line for line in said)
     assert "Something is attached at x 0.3" in field.sentences[0]
+    assert "a contact that rattles" in field.sentences[1]
     assert field.gap_after < 0.1 * field.gap_before
     assert field.to_dict()["probability"] == {"support": 1.0}
     assert len(field.values) == field.n_x * field.n_y
@@ -211,3 +221,47 @@ def test_what_a_force_accounts_for_is_not_named(lab):
     assert answer.field.form == ONE_FORCE
     assert answer.field.place == pytest.approx(PLACE, abs=5e-3)
     assert answer.field.gap_after < 0.1 * answer.field.gap_before
+
+
+def attached(one: SimpleNamespace, force) -> tuple[State, Ranked] | None:
+    """What the catalogue has at the place of a force; the mesh is that of the truth, and none is finer."""
+    selection = ForwardSelection(one.builder, {}, lambda _: None)
+    selection.begun = State(one.builder.given, one.fit)
+    selection.settling.ended = lambda state, _: state
+    with torch.no_grad():
+        return selection.attached([Ranked((), ())], force.theta, force.place)
+
+
+@pytest.mark.check
+def test_an_absorber_at_the_place_of_a_force_is_named(lab):
+    one = scene(lab, absorber, differ=0.0)
+    state, _ = attached(one, found(one))
+    assert [naming.hypothesis.name for naming in state.named] == ["absorber"]
+    own = state.named[0].hypothesis.own
+    assert (own["x"], own["y"]) == pytest.approx(PLACE, abs=2e-3)
+    assert own["mass"] == pytest.approx(0.012, rel=0.02)
+    assert own["viscous_damping"] == pytest.approx(0.5, rel=0.05)
+    assert state.fit.reduced_misfit < SETTINGS.comparison.noise_limit
+
+
+@pytest.mark.check
+def test_a_cord_at_that_place_is_none_of_the_catalogue(lab):
+    one = scene(lab, cord, differ=0.0)
+    assert attached(one, found(one)) is None
+
+
+@pytest.mark.check
+def test_a_diagnosis_asks_the_catalogue_at_the_place_of_a_force(lab, monkeypatch):
+    """However little an absorber promised where nobody knew its place."""
+
+    def nothing_found(self: ForwardSelection, state: State, _: int) -> tuple[State, list[Ranked]]:
+        self.begun = state
+        return state, [Ranked((), ())]
+
+    monkeypatch.setattr(ForwardSelection, "add_effects", nothing_found)
+    one = scene(lab, absorber, differ=0.0, refine=8)
+    target = one.builder.target
+    answer = diagnose(one.builder.given, target.measurement, imperfections=target.imperfections)
+    assert answer.verdict == "explained"
+    assert answer.field is None
+    assert {effect.name for effect in answer.effects} - {"mesh_discretisation"} == {"absorber"}

@@ -7,6 +7,7 @@ from dataclasses import replace
 import torch
 
 from torchplate.diagnosis.field import force_alone, with_field
+from torchplate.diagnosis.field.one_force import OneForce
 from torchplate.diagnosis.holdout import held_out
 from torchplate.diagnosis.one_thread import one_thread
 from torchplate.diagnosis.result import Diagnosis
@@ -83,9 +84,31 @@ def diagnose(
     found = summarise(seen, time.monotonic() - began)
     if found.verdict in ("consistent", "explained") or is_explained(state.fit, selection.builder.target):
         return found
-    force = force_alone(selection.builder, selection.begun.fit, selection.prior, say) if state.named else None
-    if force is not None:
+    # Beside nothing, since what was named may stand in for it.
+    without = selection.begun if state.named else state
+    force = force_alone(selection.builder, without.fit, selection.prior, say)
+    if force is not None and (attached := _attached(selection, seen, force)) is not None:
+        return summarise(attached, time.monotonic() - began)
+    if force is not None and state.named:
         say("  nothing of what was named is needed beside it")
         state = selection.begun
         found = summarise(replace(seen, final=state, unrefined=None), time.monotonic() - began)
+    if force is None and state.named:
+        force = force_alone(selection.builder, state.fit, selection.prior, say)
     return with_field(found, selection.builder, state.fit, selection.prior, say, force)
+
+
+def _attached(selection: ForwardSelection, seen: Trace, force: OneForce) -> Trace | None:
+    """What was seen, with what the catalogue has for a force at one place in place of all names; None where nothing.
+
+    Args:
+        selection: that named something else, or nothing.
+        seen: what it has fitted.
+        force: that accounts for everything.
+    """
+    found = selection.attached(seen.rankings, force.theta, force.place) if force.alike else None
+    if found is None:
+        return None
+    state, ranked = found
+    given, unrefined = selection.as_given(state)
+    return replace(seen, given=given, final=state, rankings=(ranked,), unrefined=unrefined)

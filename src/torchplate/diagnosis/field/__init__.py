@@ -1,6 +1,7 @@
 """Where nothing of the catalogue accounts for what is left: what is missing as a field over the plate, without a name.
 
-A force at one place comes first; where it leaves more than noise, a field.
+A force at one place comes first, which the catalogue may have a name for once its place is known; where it leaves more
+than noise, a field.
 
 - `infer`: the steps, from a fitted model to a field and how probable each kind of it is.
 - `one_force`: a force at one place, of whatever law; `forced_model`: a fitted model with one.

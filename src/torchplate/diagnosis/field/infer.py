@@ -116,8 +116,6 @@ def infer_field(
         say: is told what is being tried.
         force: that is known to account for all of it.
     """
-    if force is None:
-        force = force_alone(builder, fit, prior, say)
     if force is not None:
         return _of_one_force(builder, fit, force)
     settings = builder.target.settings.inferring

@@ -82,14 +82,12 @@ def as_one_force(force: OneForce, grid: Grid, gaps: Sequence[float | None]) -> F
         f"there, free at each line and {hits} ({force.size:.2g} N for each N of a hit), the gap of the "
         f"{_which(found)} goes from {percent(before)} to {percent(after)}, and of FRFs put aside noise is left: "
         f"{force.left:.2g} times its variance, and not {force.without:.3g} times. This is no name.",
-        "No spring, dashpot or mass there does so. "
-        + (
-            "Its law is the same in all hits: it is linear, as a cord, a cable or a device with dynamics of its own. "
-            "Look there, and take it off."
-            if force.alike
-            else "Its law may depend on how far the plate moves: look for a contact that rattles, a spring that "
-            "hardens or a cable that rubs, and measure again with softer and with harder hits."
-        ),
+        "No spring, dashpot, mass or absorber there does so. Its law is the same in all hits: it is linear, as a cord, "
+        "a cable or a device with dynamics of its own. Look there, and take it off."
+        if force.alike
+        else "No spring, dashpot or mass there does so. Its law may depend on how far the plate moves: look for a "
+        "contact that rattles, a spring that hardens or a cable that rubs, and measure again with softer and with "
+        "harder hits.",
     ]
     if found.others:
         said.append(_alike(found))

@@ -6,7 +6,7 @@ two. In the end each name is judged again beside the others.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import torch
@@ -21,6 +21,7 @@ from torchplate.diagnosis.holdout import exchanged, outliers
 from torchplate.diagnosis.judged import Fit, judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem
+from torchplate.diagnosis.selection.attached import Attached
 from torchplate.diagnosis.selection.criterion import (
     Choice,
     Hypothesis,
@@ -37,6 +38,7 @@ from torchplate.diagnosis.selection.grounded import is_alone
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.screen import twins
 from torchplate.diagnosis.selection.settling import Settling
+from torchplate.diagnosis.selection.shortlist import best_of_each
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 from torchplate.diagnosis.selection.worth import explains_much, explains_some, tried_enough, worth_their_names
 from torchplate.diagnosis.target import FrfTarget
@@ -242,6 +244,26 @@ class ForwardSelection:
         if (pair := self._two_that_promise(state, rankings, most_effects)) is not None:
             state = self._beside_those_that_stay(pair, rankings)
         return self.settling.last(state, self.begun), rankings
+
+    def attached(
+        self, rankings: Sequence[Ranked], theta: Tensor, place: Float[Tensor, " 2"]
+    ) -> tuple[State, Ranked] | None:
+        """What the catalogue has for a force at one place, if it leaves nothing but noise as the force does.
+
+        Args:
+            rankings: beside nothing, and beside what was named then, which counts no more.
+            theta: parameters beside the force.
+            place: of the force, relative.
+        """
+        begun, here = self.begun, Attached(self.builder, self.prior, self.ranking).at(self.begun, theta, place)
+        if not here or not rankings:
+            return None
+        ranked = replace(rankings[0], hypotheses=tuple(best_of_each([*here, *rankings[0].hypotheses])))
+        needed = self._judged(begun, ranked)
+        if needed is None or all(one is not needed[0].best for one in here):
+            return None
+        settled = self._explained(self._added(begun, *needed))
+        return None if settled is None else (settled, ranked)
 
     def _restarted(self, state: State, choice: Choice, ranked: Ranked) -> tuple[Choice, Ranked]:
         """The best hypothesis from where members spread over the box lead, if more than noise is left of it.
