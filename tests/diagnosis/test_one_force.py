@@ -10,7 +10,7 @@ from torchplate.diagnosis import diagnose
 from torchplate.diagnosis.field.aside import worth
 from torchplate.diagnosis.field.forced_model import ForcedModel
 from torchplate.diagnosis.field.grid import Grid
-from torchplate.diagnosis.field.infer import infer_field
+from torchplate.diagnosis.field.infer import force_alone, infer_field
 from torchplate.diagnosis.field.one_force import one_force, with_one_force
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.model_builder import ModelBuilder
@@ -194,7 +194,8 @@ def test_what_is_left_has_nothing_of_a_force_at_that_place(lab, alike):
 def test_it_is_told_as_what_it_is_and_costs_no_fields(lab):
     one = scene(lab, lambda lines: 3e4 + 200.0 * lines)
     said: list[str] = []
-    inferred = infer_field(one.builder, one.fit, {}, said.append, found(one))
+    force = force_alone(one.builder, one.fit, {}, said.append)
+    inferred = infer_field(one.builder, one.fit, {}, said.append, force)
     field = inferred.found
     assert (field.kind, field.form, field.unit) == ("support", ONE_FORCE, "N/N")
     assert not any("nodes" in line for line in said)
