@@ -41,11 +41,12 @@ diagnose: $(VENV)/.run
 	$(BIN)/python -m torchplate.studies.hidden_effect
 
 # A process for each core takes the tests file by file, with one thread: on small matrices the threads of two pools that
-# share few cores wait for each other.
+# share few cores wait for each other. In their order: files of few tests, among them the longest, would else come last,
+# and one process would wait for another.
 test check proofs: export OMP_NUM_THREADS = 1
 # Of every function its first three in each test, not only the first: see tests/conftest.py.
 check: export CHECKED_CALLS = 3
-PARALLEL = -n auto --dist loadfile
+PARALLEL = -n auto --dist loadfile --no-loadscope-reorder
 
 test: $(VENV)/.test
 	$(BIN)/python -m pytest $(PARALLEL)

@@ -6,6 +6,7 @@ import math
 
 import pytest
 import torch
+from threadpoolctl import threadpool_limits
 
 from torchplate.cli.config.build import load_model, load_run
 from torchplate.effects import Absorber, DampingPatch, MeshDiscretisation, Plate, PointMass, SupportSpring
@@ -323,3 +324,12 @@ def test_where_a_mass_and_a_spring_sit_the_deflections_that_modes_lack_count_onc
     richardson = (4 * fine - coarse) / 3
     torch.testing.assert_close(squares(1, True), richardson, rtol=2e-3, atol=0.0)
     assert float((coarse / richardson - 1).abs().max()) > 5e-3
+
+
+def test_on_two_threads_it_is_the_same_to_the_last_digit():
+    model = bare(Mesh(0.48, 0.4, 16, 12))
+    found = []
+    for n in (1, 2):
+        with threadpool_limits(limits=n, user_api="blas"):
+            found.append(extrapolate(model, 400.0).error)
+    assert torch.equal(*found)
