@@ -218,3 +218,12 @@ def test_a_mass_that_goes_with_the_place_is_integrated_as_the_points_of_gauss_ar
     shape = element.shape_functions(place + 0.5, a, b)
     expected = a * b * (shape.mT * (each * areal_mass(*place.T))) @ shape
     torch.testing.assert_close(found, expected, rtol=1e-11, atol=1e-13 * float(expected.abs().max()))
+
+
+def test_what_is_kept_of_an_element_has_gradients_wherever_it_was_made_first():
+    """Inference mode marks what is made in it, and that may not be saved for a gradient."""
+    a, b = 0.0731, 0.0419
+    with torch.inference_mode():
+        element.patterns(a, b), element.uneven_patterns(a, b), element.uneven_mass_pattern(a, b)
+    kept = (*element.patterns(a, b), element.uneven_patterns(a, b), element.uneven_mass_pattern(a, b))
+    assert not any(one.is_inference() for one in kept)

@@ -20,7 +20,7 @@ EXPONENT = torch.tensor(
 )
 CORNER = torch.tensor([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)], dtype=torch.float64)
 
-# Shapes of elements whose patterns are kept, of 240 kB each.
+# Shapes of elements whose patterns are kept, of 240 kB each; what is made in inference mode would have no gradients.
 MOST_KNOWN = 32
 
 # The six independent entries of a symmetric 3 × 3 rigidity, in the order the patterns below are stored.
@@ -68,6 +68,7 @@ def shape_functions(
 
 
 @lru_cache(MOST_KNOWN)
+@torch.inference_mode(False)
 def patterns(a: float, b: float) -> Patterns:
     """Exact ∫ Bᵀ D B and ∫ Nᵀ N over an a × b element, split by the entries of D (seed paper, Eq. 13–14).
 
@@ -91,6 +92,7 @@ def patterns(a: float, b: float) -> Patterns:
 
 
 @lru_cache(MOST_KNOWN)
+@torch.inference_mode(False)
 def uneven_patterns(a: float, b: float) -> Float[Tensor, "6 25 12 12"]:
     """The same of stiffness, where the rigidity goes with the place in the element: Σ D[i, j]_pq · pattern[k, 5p + q].
 
@@ -117,6 +119,7 @@ def uneven_patterns(a: float, b: float) -> Float[Tensor, "6 25 12 12"]:
 
 
 @lru_cache(MOST_KNOWN)
+@torch.inference_mode(False)
 def uneven_mass_pattern(a: float, b: float) -> Float[Tensor, "49 12 12"]:
     """The same of mass, where the areal mass goes with the place in the element: Σ m_pq · pattern[7p + q].
 
