@@ -37,6 +37,7 @@ from torchplate.discrepancy import (
 from torchplate.effects import Effect
 from torchplate.measurement import PERFECT, Imperfections, Measurement, Noise
 from torchplate.model import PlateModel
+from torchplate.plate import transformed
 
 # Of a drift, by which what it makes of FRFs is differentiated [-]: a hundredth of a peak's width where 1e-4 is lost.
 STEP = 1e-6
@@ -334,7 +335,7 @@ class FrfTarget:
         At a wide level they are those beside the frequency axis.
         """
         frequency, decay = self.lines(level)
-        return self._at_level_of(self.seen(level), model.frf(theta, frequency, decay=decay))
+        return self._at_level_of(self.seen(level), model.frf(theta, frequency, decay=decay, check=False))
 
     def lines(self, level: int | None = None) -> tuple[Float[Tensor, " n_line"], float | Float[Tensor, " n_line"]]:
         """Where a level looks: frequencies [Hz] and σ of s = iω + σ [1/s]."""
@@ -389,7 +390,20 @@ class FrfTarget:
         return gain * change + ((weight * toward).sum((-3, -2, -1)) / square)[:, None, None, None] * found
 
     def _weight_of_level(self, measured: Tensor) -> Float[Tensor, "n_response n_reference"]:
-        return torch.where(self.fitted, 1 / measured.abs().square().sum(0).clamp(min=1e-300), 0.0)
+        known = self._known_weights.get(id(measured))
+        if known is None or known[0] is not measured:
+            weight = torch.where(self.fitted, 1 / measured.abs().square().sum(0).clamp(min=1e-300), 0.0)
+            if len(self._known_weights) >= self.levels:
+                self._known_weights.clear()
+            known = measured, weight
+            if not transformed():
+                self._known_weights[id(measured)] = known
+        return known[1]
+
+    @functools.cached_property
+    def _known_weights(self) -> dict[int, tuple[Tensor, Tensor]]:
+        """Of what was measured, as each level sees it."""
+        return {}
 
     def _gain(self, measured: Tensor, found: Tensor) -> Tensor:
         weight = self._weight_of_level(measured)

@@ -253,6 +253,8 @@ class Specimens:
             Correction.measure(plan.section.rigidity, plan.geometry),
             Unevenness.measure(plan.section.areal_mass, plan.geometry),
         )
+        # The last one that was asked for: a Jacobian asks for that of its residual.
+        self._last: tuple[Tensor, OfChannels | None, PlateModel] | None = None
 
     def of(self, found: Found | None) -> PlateModel:
         """The model of the specimen that was found; the uniform plate where none was."""
@@ -260,6 +262,11 @@ class Specimens:
 
     def at(self, shift: Float[Tensor, " n_off"], channels: OfChannels | None = None) -> PlateModel:
         """The model of a specimen so many standard deviations off in each, its sensors and hits where they are."""
+        if self._last is None or self._last[1] is not channels or not torch.equal(self._last[0], shift):
+            self._last = shift.clone(), channels, self._made(shift, channels)
+        return self._last[2]
+
+    def _made(self, shift: Float[Tensor, " n_off"], channels: OfChannels | None) -> PlateModel:
         terms, modes = shift[: self.n_term], shift[self.n_term :]
         stiffness, mass = (torch.einsum("t,tij->ij", terms.to(part), part) for part in (self.stiffness, self.mass))
         uneven = Unevenness(stiffness, mass, *self._measures)

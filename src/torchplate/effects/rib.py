@@ -95,7 +95,7 @@ class Rib(Effect):
         row = torch.cat([bent, sheared, turned, torch.nn.functional.pad(moved, (0, rest))], dim=-2)
         return Local(
             # Of the dofs of a mesh few move a piece.
-            row.new_zeros(*row.shape[:-1], mesh.n_dof).scatter_add(-1, which, row),
+            row.new_zeros(*row.shape[:-1], mesh.n_dof).scatter_add_(-1, which, row),
             mass=torch.cat([nothing, nothing, nothing, heavy], dim=-1),
             stiffness=torch.cat([*kinds[:3], nothing, nothing], dim=-1),
         )

@@ -54,6 +54,7 @@ class DeclaredPlate(nn.Module):
         self.register_buffer("known", torch.tensor(values, dtype=torch.float64))
         self.register_buffer("limit", limits(self.space, self._searched), persistent=False)
         self.assembly = Assembly(mesh) if assembly is None else assembly
+        self._own_places: dict[str, tuple[Mesh, tuple[object, ...], Tensor]] = {}
         self.shared_modes: SharedModes | None = None
         self.couples_modes, self.in_single = True, False
         self.damping_factor: Tensor | None = None
@@ -232,12 +233,24 @@ class DeclaredPlate(nn.Module):
             if points is None:
                 found.append(None)
                 continue
-            places = self.mesh.places(as_points(points, name))
+            places = self._known_places(name, points) if given is None else self.mesh.places(as_points(points, name))
             if given is not None and self.mesh.cut and not isinstance(points, Tensor) and not transformed():
                 self.mesh.check_on_plate(places.tolist())
             found.append(places.to(self.known))
         assert found[0] is not None
         return found[0], found[1], kind
+
+    def _known_places(self, name: str, points: Points) -> Tensor:
+        """The places of the model's own points, those of before where these are the same: each FRF asks for them."""
+        if not isinstance(points, list | tuple):
+            return self.mesh.places(as_points(points, name))
+        key = tuple(point if isinstance(point, int) else tuple(point) for point in points)
+        known = self._own_places.get(name)
+        if known is None or known[0] is not self.mesh or known[1] != key:
+            known = self.mesh, key, self.mesh.places(as_points(points, name))
+            if not transformed() and not torch.is_inference_mode_enabled():
+                self._own_places[name] = known
+        return known[2]
 
     def _theta(self, given: Numbers, check: bool) -> tuple[Tensor, bool]:
         """Theta in the model's precision, and whether results are wanted in single precision."""

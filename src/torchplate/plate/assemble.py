@@ -441,16 +441,17 @@ class Assembly(nn.Module):
     def _project(
         self, matrices: Float[Tensor, "*batch n_some 12 12"], some: Int[Tensor, " n_some"] | None = None
     ) -> Float[Tensor, "*batch n n"]:
-        rows = self.element_rows() if some is None else self.element_rows()[some]
+        rows = self.element_rows(some)
         # All elements in one product, so that no matrix of the basis' size is made for each of them.
         return rows.flatten(0, 1).mT @ (matrices @ rows).flatten(-3, -2)
 
-    def element_rows(self) -> Float[Tensor, "n_element 12 n"]:
-        """The basis at the dofs of each element; zero where they are held."""
+    def element_rows(self, some: Int[Tensor, " n_some"] | None = None) -> Float[Tensor, "n_some 12 n"]:
+        """The basis at the dofs of each element, or of some; zero where they are held."""
+        position = self.position if some is None else self.position[some]
         if self.basis is None:
             one = torch.eye(len(self.free) + 1, dtype=self.pattern.dtype, device=self.pattern.device)[:, :-1]
-            return one[self.position]
-        return torch.cat([self.basis, self.basis.new_zeros(1, self.size)])[self.position]
+            return one[position]
+        return torch.cat([self.basis, self.basis.new_zeros(1, self.size)])[position]
 
 
 def _differs(coefficient: Float[Tensor, "*batch n_element n_pattern"]) -> Bool[Tensor, "n_member n_element"] | None:

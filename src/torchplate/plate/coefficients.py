@@ -15,11 +15,15 @@ def stiffness_coefficient(
     rigidity: Float[Tensor, "*#batch n_element 3 3"], geometry: Geometry
 ) -> Float[Tensor, "*batch n_element 6"]:
     """What each stiffness pattern is times: the rigidity's six entries, on the unit square."""
+    return rigidity[..., element.RIGIDITY_ROW, element.RIGIDITY_COLUMN] * _weight(geometry)[..., None, :]
+
+
+def _weight(geometry: Geometry) -> Float[Tensor, "*batch 6"]:
+    """What the rigidity's six entries are times on the unit square."""
     x, y = geometry.length_x, geometry.length_y
-    area = (x * y)[..., None]
-    turn = torch.stack([1 / x**2, 1 / y**2, 1 / (x * y)], dim=-1)
-    weight = turn[..., element.RIGIDITY_ROW] * turn[..., element.RIGIDITY_COLUMN] * area
-    return rigidity[..., element.RIGIDITY_ROW, element.RIGIDITY_COLUMN] * weight[..., None, :]
+    area = x * y
+    turn = torch.stack([x.square(), y.square(), area], dim=-1).reciprocal()
+    return turn[..., element.RIGIDITY_ROW] * turn[..., element.RIGIDITY_COLUMN] * area[..., None]
 
 
 def mass_coefficient(
@@ -36,7 +40,7 @@ def uneven_coefficient(
     if uneven is None:
         return None
     if section.grain_angle is None:
-        coefficient = stiffness_coefficient(section.sound_rigidity, geometry)[..., STRAIGHT]
+        coefficient = section.sound_entries * _weight(geometry)[..., None, STRAIGHT]
         return (coefficient[..., None] * uneven).flatten(-2)
     coefficient = stiffness_coefficient(section.sound_parts, geometry)
     return torch.einsum("k...ep,...ekm->...epm", coefficient, uneven).flatten(-2)

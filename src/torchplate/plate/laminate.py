@@ -33,9 +33,9 @@ def laminate(
 def _cut_twice(factor: Tensor, inner: Tensor, outer: Tensor, poisson_ratio: Tensor) -> Tensor:
     """Laminated along the inner side, then the result and the sound rest along the outer one."""
     nu = poisson_ratio.square()
-    mean, across = 1 + inner * (factor - 1), 1 / (1 + inner * (1 / factor - 1))
+    mean, across = 1 + inner * (factor - 1), (1 + inner * (factor.reciprocal() - 1)).reciprocal()
     beside = (1 - nu) * mean + nu * across
-    second = 1 / (1 + outer * (1 / beside - 1))
+    second = (1 + outer * (beside.reciprocal() - 1)).reciprocal()
     coupled = 1 + outer * (across / beside - 1)
     first = outer * (across - nu * across.square() / beside) + (1 - outer) * (1 - nu) + nu * coupled.square() * second
     parts = torch.broadcast_tensors(first, second, coupled * second, 1 + outer * (mean - 1))

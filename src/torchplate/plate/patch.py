@@ -225,7 +225,7 @@ def _strips(
     whole = WHOLE.to(covered)
     part = covered[..., :1]
     beside = (factor[..., None, None] - 1) * (covered - part * whole)
-    weaker = 1 / factor[..., None] - 1
+    weaker = factor[..., None].reciprocal() - 1
     one, first, second = (weaker * covered[..., k] for k in range(3))
     one, second = 1 + one, 1 / 12 + second
     left = one * second - first.square()

@@ -103,9 +103,14 @@ class Section(NamedTuple):
         )
 
     @property
-    def sound_rigidity(self) -> Float[Tensor, "*batch n_element 3 3"]:
-        """Rigidity without what `stiffness_factor` makes of it [N m]."""
-        return self._matrix(torch.ones_like(self.stiffness_factor[..., :1, :1]))
+    def sound_entries(self) -> Float[Tensor, "*batch n_element 4"]:
+        """D₁₁, D₂₂, D₁₂ and D₃₃ along the grain, without what `stiffness_factor` makes of them [N m]."""
+        mean = self.youngs_modulus * self.thickness.pow(3) / 12
+        plane = mean / (1 - self.poisson_ratio.square())
+        root = self.young_ratio.sqrt()
+        shear = self.shear_factor * mean / (2 * (1 + self.poisson_ratio))
+        sound = torch.broadcast_tensors(plane / root, plane * root, plane * self.poisson_ratio, shear)
+        return torch.stack(sound, dim=-1)
 
     @property
     def sound_parts(self) -> Float[Tensor, "4 *batch n_element 3 3"]:
@@ -115,12 +120,7 @@ class Section(NamedTuple):
 
     def _matrix(self, factor: Float[Tensor, "*#batch _ n_entry"]) -> Float[Tensor, "*batch n_element 3 3"]:
         """The sound rigidity, its entries times factors."""
-        mean = self.youngs_modulus * self.thickness**3 / 12
-        plane = mean / (1 - self.poisson_ratio**2)
-        root = self.young_ratio.sqrt()
-        shear = self.shear_factor * mean / (2 * (1 + self.poisson_ratio))
-        sound = torch.broadcast_tensors(plane / root, plane * root, plane * self.poisson_ratio, shear)
-        along_x, along_y, cross, twist = (torch.stack(sound, dim=-1) * factor).unbind(-1)
+        along_x, along_y, cross, twist = (self.sound_entries * factor).unbind(-1)
         zero = torch.zeros_like(cross)
         flat = torch.stack([along_x, cross, zero, cross, along_y, zero, zero, zero, twist], dim=-1)
         straight = flat.unflatten(-1, (3, 3))
@@ -208,7 +208,7 @@ class Proportional(NamedTuple):
         What no effect brings is the number 0 here and costs nothing: without b, κ is the same at all lines.
         """
         beta, eta, a, b = (value[..., None] if isinstance(value, Tensor) else value for value in self[:4])
-        kappa, mu = laplace.new_ones(1) + 1j * beta, laplace**2
+        kappa, mu = laplace.new_ones(1) + 1j * beta, laplace.square()
         if (dispersion := self.dispersion(laplace)) is not None:
             kappa = kappa + dispersion
         if isinstance(b, Tensor) or b:
@@ -290,6 +290,8 @@ class System(NamedTuple):
 
 def concatenate(parts: Sequence[Tensor], n_last: int) -> Tensor:
     """Parts put together along the first of their last `n_last` dimensions, whatever batch each has."""
+    if len(parts) == 1:
+        return parts[0]
     batch = common_shape(*(part.shape[:-n_last] for part in parts))
     return torch.cat([part.expand(*batch, *part.shape[-n_last:]) for part in parts], dim=-n_last)
 

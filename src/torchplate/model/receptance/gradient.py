@@ -39,7 +39,7 @@ from torchplate.model.receptance.impedance import (
 from torchplate.model.receptance.loewner import receptance_gradient
 from torchplate.model.receptance.modal_receptance import receptance
 from torchplate.model.receptance.modes import Modes, solve_modes
-from torchplate.plate import System
+from torchplate.plate import System, transformed
 
 
 def modal_impedance(system: System, modes: Modes, laplace: Complex[Tensor, "*#batch n_frequency"]) -> Impedance:
@@ -54,8 +54,8 @@ def modal_impedance(system: System, modes: Modes, laplace: Complex[Tensor, "*#ba
     hysteretic = None if system.hysteretic is None else shape.mT @ system.hysteretic @ shape
     exponent, dispersion = system.proportional.loss_exponent, system.proportional.dispersion(laplace)
     return Impedance(
-        _ModalForm.apply(system.stiffness, shape, eigenvalue),
-        _ModalForm.apply(system.mass, shape, torch.ones_like(eigenvalue)),
+        _value_of(_ModalForm, system.stiffness, shape, eigenvalue),
+        _value_of(_ModalForm, system.mass, shape, torch.ones_like(eigenvalue)),
         system.attached @ shape,
         system.force(laplace),
         *(torch.as_tensor(part).to(eigenvalue) for part in system.proportional[:4]),  # type: ignore[call-arg]  # four
@@ -68,7 +68,7 @@ def modal_impedance(system: System, modes: Modes, laplace: Complex[Tensor, "*#ba
 
 def frozen_modes(stiffness: Float[Tensor, "*#batch n n"], mass: Float[Tensor, "*#batch n n"]) -> Modes:
     """All modes of K φ = ω² M φ as constants: nothing is ever differentiated through them."""
-    return Modes(*_FrozenModes.apply(stiffness.detach(), mass.detach()))
+    return Modes(*_value_of(_FrozenModes, stiffness.detach(), mass.detach()))
 
 
 def differentiable_receptance(
@@ -83,7 +83,13 @@ def differentiable_receptance(
         response: modal deflections at the responses [1/√kg].
         reference: modal deflections at the references [1/√kg].
     """
-    return _Receptance.apply(response, reference, *impedance)
+    return _value_of(_Receptance, response, reference, *impedance)
+
+
+def _value_of(function: type[Function], *inputs: Tensor | None) -> Any:
+    """A function applied; straight where nothing can be differentiated: what torch does around it takes as long."""
+    straight = not torch.is_grad_enabled() and not transformed()
+    return function.forward(*inputs) if straight else function.apply(*inputs)
 
 
 class _FrozenModes(Function):

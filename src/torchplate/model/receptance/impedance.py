@@ -77,7 +77,7 @@ def own_damping(z: Impedance, force: Force) -> Float[Tensor, "*batch n"]:
         lowest, reference = 2 * torch.pi * LOWEST_FREQUENCY, 2 * torch.pi * REFERENCE_FREQUENCY
         beta = beta * (omega.clamp(min=lowest) / reference) ** z.loss_exponent[..., None]
     own = beta * square + eta + a * omega + b * omega * square
-    own = own + (force(1j * omega).imag * z.dashpot**2).sum(-2)
+    own = own + (force(1j * omega).imag * z.dashpot.square()).sum(-2)
     return own if z.hysteretic is None else own + z.hysteretic.diagonal(dim1=-2, dim2=-1)
 
 

@@ -45,7 +45,7 @@ def whiten(
     """
     lower = torch.linalg.cholesky(mass)
     # The mass is often the same for all members: then one inverse serves the population.
-    inverse = torch.linalg.solve_triangular(lower, torch.eye(lower.shape[-1]).to(lower), upper=False)
+    inverse = torch.linalg.solve_triangular(lower, _one(lower), upper=False)
     white = inverse @ stiffness @ inverse.mT
     return 0.5 * (white + white.mT), inverse
 
@@ -67,7 +67,7 @@ def solve_modes(stiffness: Float[Tensor, "*#batch n n"], mass: Float[Tensor, "*#
             values[member], again = torch.linalg.eigh(matrices[member].clone())
             # Vectors of the rigid-body modes have been seen 1e-10 from orthonormal, which LAPACK leaves: a step of
             # Newton and Schulz takes an error e to e², and no broken vector to a whole one.
-            flat[member] = again @ (1.5 * torch.eye(again.shape[-1]).to(again) - 0.5 * again.mT @ again)
+            flat[member] = again @ (1.5 * _one(again) - 0.5 * again.mT @ again)
         eigenvalue, vector = values.reshape(eigenvalue.shape), flat.reshape(vector.shape)
         if bool((_orthonormality_error(vector) > _tolerance(vector)).any()):
             raise ArithmeticError(
@@ -96,7 +96,13 @@ def _rigid_at_zero(eigenvalue: Float[Tensor, "*batch n"]) -> Float[Tensor, "*bat
 
 
 def _orthonormality_error(vector: Float[Tensor, "*batch n n"]) -> Float[Tensor, "*batch"]:
-    return (vector.mT @ vector - torch.eye(vector.shape[-1]).to(vector)).abs().amax((-2, -1))
+    error = vector.mT @ vector
+    error.diagonal(dim1=-2, dim2=-1).sub_(1.0)
+    return error.abs_().amax((-2, -1))
+
+
+def _one(matrix: Float[Tensor, "*batch n n"]) -> Float[Tensor, "n n"]:
+    return torch.eye(matrix.shape[-1], dtype=matrix.dtype, device=matrix.device)
 
 
 def _tolerance(vector: Tensor) -> float:
