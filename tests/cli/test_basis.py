@@ -140,7 +140,7 @@ def test_what_single_precision_found_is_polished_from_its_objective_in_double(be
 
 @pytest.mark.check
 def test_a_fine_mesh_without_a_basis_says_what_takes_the_time(bench, make_config, command, monkeypatch):
-    monkeypatch.setattr(basis, "reduce", lambda *_: None)
+    monkeypatch.setattr(basis, "reduce", lambda *_, **__: None)
     monkeypatch.setattr(basis, "DENSE", 30)
     bench.write(make_config(["plate.youngs_modulus"], SETTINGS | {"search.n_generation": 1}))
     status, out, _ = command("run", bench.folder / "plate.yaml", "--out", bench.folder / "out")

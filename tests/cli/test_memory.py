@@ -75,7 +75,7 @@ def test_this_machine_has_memory_to_spare_or_does_not_tell():
 
 
 def test_dofs_that_no_small_basis_serves_are_held_against_the_memory(bench, make_config, command, monkeypatch):
-    monkeypatch.setattr("torchplate.identification.basis_check.reduce", lambda *_: None)
+    monkeypatch.setattr("torchplate.identification.basis_check.reduce", lambda *_, **__: None)
     monkeypatch.setattr("torchplate.identification.job.minimize", None)
     monkeypatch.setattr(memory, "LEAST", 0.0)
     changes = {"mesh.refine": 12, "search.basis": "auto"}

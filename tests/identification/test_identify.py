@@ -8,11 +8,15 @@ import pytest
 import torch
 
 import torchplate as tp
+from torchplate.effects import HystereticDamping, Orthotropy, Plate, Searched
 from torchplate.identification import Result, basis_check
-from torchplate.measurement import MeasurementError
+from torchplate.measurement import SI_UNIT, Channel, Measurement, MeasurementError
+from torchplate.plate import Mesh
 from torchplate.search import LeastSquares
 
 SEARCHED = ["plate.youngs_modulus", "wires.stiffness"]
+# Thickness [m] and shear factor of the plate of wood.
+WOOD = [5.7e-3, 0.52]
 # A strategy that settles in few generations.
 SEARCH = tp.DifferentialEvolution(strategy="best/1/bin", n_member=10, differential_weight=0.6, crossover_rate=0.9)
 
@@ -43,10 +47,53 @@ def test_what_takes_minutes_on_a_very_fine_mesh_is_said_before_it_is_begun(bench
     assert not any("takes minutes" in line for line in told)
     told.clear()
     monkeypatch.setattr(basis_check, "LARGE", 10)
-    monkeypatch.setattr(basis_check, "reduce", lambda *_: told.append("begun"))
+    monkeypatch.setattr(basis_check, "reduce", lambda *_, **__: told.append("begun"))
     look()
     assert "takes minutes" in told[0]
     assert told[1] == "begun"
+
+
+@pytest.fixture(scope="module")
+def wood() -> tuple[tp.PlateModel, Measurement]:
+    """A plate of unknown wood, of which no small basis is right at all ends of all intervals; and its exact FRFs."""
+    known = {"plate.youngs_modulus": 3e9, "plate.poisson_ratio": 0.1, "plate.density": 500.0}
+    known |= {"grain.young_ratio": 0.08, "loss.stiffness_loss_factor": 0.004}
+    searched = {"plate.thickness": Searched(2.8e-3, 1.12e-2, True), "grain.shear_factor": Searched(0.2, 1.25, True)}
+    effects = {"plate": Plate(), "grain": Orthotropy(), "loss": HystereticDamping()}
+    channels = {"response": [[0.05, 0.1]], "reference": [[0.9, 0.8]], "kind": "accelerance"}
+    model = tp.PlateModel(Mesh(0.58, 0.22, 6, 4), effects, known, searched, **channels)
+    lines = torch.linspace(38.0, 200.0, 60, dtype=torch.float64)
+    measured = Measurement(
+        frequency=lines,
+        frf=model.frf(WOOD, lines),
+        measured=torch.ones(1, 1, dtype=torch.bool),
+        response=(Channel(0, coordinate=(0.029, 0.022, 0.0)),),
+        reference=(Channel(0, coordinate=(0.522, 0.176, 0.0)),),
+        kind="accelerance",
+        unit=SI_UNIT["accelerance"],
+    )
+    return model, measured
+
+
+@pytest.mark.check
+def test_a_wide_box_is_searched_in_a_rough_basis_that_is_held_against_all_dofs(wood, monkeypatch):
+    told: list[str] = []
+    search = tp.DifferentialEvolution(n_member=30)
+    budget = {"search": search, "seed": 2, "n_generation": 15, "polish": True, "objective": "log_amplitude"}
+    found = tp.identify(*wood, say=told.append, **budget)
+    assert any("held against all dofs" in line for line in told)
+    assert found.theta.tolist() == pytest.approx(WOOD, rel=1e-4)
+    assert found.basis_error is not None
+    assert found.basis_error <= basis_check.TOLERANCE
+    # Where it is wrong at the best, what was found is finished in all dofs.
+    monkeypatch.setattr(basis_check, "TOLERANCE", 0.0)
+    finished = tp.identify(*wood, **budget)
+    assert finished.basis_error is None
+    assert finished.theta.tolist() == pytest.approx(WOOD, rel=1e-8)
+    # Without the finish all dofs are searched.
+    told.clear()
+    tp.identify(*wood, say=told.append, **budget | {"polish": False, "n_generation": 0})
+    assert not any("vectors" in line for line in told)
 
 
 def test_a_model_on_any_device_is_searched_there_and_found(bench, found, device):

@@ -144,6 +144,16 @@ def test_a_tolerance_beyond_rounding_is_not_promised():
     assert reduce(plate(MESHES["rectangle"]), FREQUENCY, tolerance=1e-16) is None
 
 
+def test_where_none_is_right_the_best_is_returned_if_a_rough_one_does():
+    model = plate(MESHES["rectangle"])
+    answer = reduce(model, FREQUENCY, tolerance=1e-16, rough=1e-3)
+    assert answer is not None
+    small, error = answer
+    assert 1e-16 < error <= 1e-3
+    assert frf_error(model, small, members(model, 6)) < BEYOND_CHECKED * error
+    assert reduce(model, FREQUENCY, tolerance=1e-16, rough=1e-16) is None
+
+
 def test_bases_of_the_same_members_are_held_against_the_same_full_models(monkeypatch):
     solved, rounds = [], []
     for name, calls in (("full_model", solved), ("_ritz_columns", rounds)):

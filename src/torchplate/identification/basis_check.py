@@ -12,6 +12,9 @@ from torchplate.search import Outcome
 
 # Relative FRF norm, or relative error of a natural frequency, beyond which a basis is not believed.
 TOLERANCE = 1e-4
+# The same of one that only leads to where least squares finish in all dofs: a search tells members apart by gaps of
+# tens of percent, and its basins lie peaks apart.
+ROUGH = 1e-2
 # Dofs from which looking for a basis takes minutes: a factor of 160,000 elements takes seconds, and there are hundreds.
 LARGE = 100_000
 # Members of the last population, the best first, whose error in the basis is estimated.
@@ -23,6 +26,7 @@ def in_reduced_basis(
     basis: str = "auto",
     say: Callable[[str], object] = lambda _: None,
     precision: str = "double",
+    finished: bool = False,
 ) -> tuple[Objective, float | None]:
     """The same objective in a reduced basis, where one is worth it and good enough, and the error it makes.
 
@@ -31,6 +35,8 @@ def in_reduced_basis(
         basis: "auto", or "full" for none.
         say: is told which.
         precision: "single" where the search wants it.
+        finished: whether what is found is `confirmed` by least squares in all dofs, where the basis is wrong: then a
+            rougher one does, if there are few enough of these.
     """
     model = objective.model
     if basis == "full" or (not model.names and model.assembly.size <= DENSE):
@@ -40,7 +46,8 @@ def in_reduced_basis(
             f"looking for a basis of {model.assembly.size} dofs, which takes minutes; a coarser mesh with "
             "mesh.extrapolate says as much"
         )
-    small = reduce(model, *wanted(objective))
+    rough = ROUGH if finished and model.assembly.size <= DENSE else 0.0
+    small = reduce(model, *wanted(objective), rough=rough)
     if small is None:
         if model.assembly.size > DENSE:
             say(
@@ -50,9 +57,10 @@ def in_reduced_basis(
             )
         return objective, None
     vectors = "vectors" if small[0].shared_modes is None else "modes that all members share"
+    end = "; the best is held against all dofs" if small[1] > TOLERANCE else ""
     say(
         f"{model.assembly.size} dofs in {small[0].assembly.size} {vectors}: "
-        f"error at most {small[1]:.0e} on members they were not built from"
+        f"error at most {small[1]:.0e} on members they were not built from{end}"
     )
     shared = small[0].shared_modes
     if precision == "single" and shared is not None and shared.single_error > SINGLE_TOLERANCE:
@@ -65,7 +73,11 @@ def in_reduced_basis(
 
 @torch.no_grad()
 def confirmed(
-    objective: Objective, searched: Objective, outcome: Outcome, say: Callable[[str], object] = lambda _: None
+    objective: Objective,
+    searched: Objective,
+    outcome: Outcome,
+    say: Callable[[str], object] = lambda _: None,
+    rough: bool = False,
 ) -> tuple[Objective, Outcome]:
     """The best member is held against the full model; a basis that is wrong there takes it in, or is given up.
 
@@ -77,9 +89,10 @@ def confirmed(
         searched: the same in the basis that was searched in.
         outcome: of the search.
         say: is told what is done about a wrong basis.
+        rough: whether no basis is right over the whole box: then it is given up at once.
     """
     space = objective.model.space
-    for more in (True, False):
+    for more in (not rough, False):
         best = space.to_si(outcome.best_position[outcome.best_objective.argmin()])[None]
         error = basis_error(objective.model, searched.model, best, *wanted(objective))
         if error <= TOLERANCE:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from torchplate.discrepancy import Evidence, ModalEvidence, Objective
-from torchplate.identification.basis_check import confirmed, estimated, in_reduced_basis
+from torchplate.identification.basis_check import TOLERANCE, confirmed, estimated, in_reduced_basis
 from torchplate.identification.evaluation import compared, off_in_basis, with_search
 from torchplate.identification.identify_states import identify_states
 from torchplate.identification.job import Job, Settings
@@ -154,7 +154,8 @@ def identified(
         device: where the generations are evaluated.
     """
     model = objective.model
-    searched, error = in_reduced_basis(objective, settings.basis, say, settings.precision)
+    finished = settings.polish or isinstance(search, LeastSquares)
+    searched, error = in_reduced_basis(objective, settings.basis, say, settings.precision, finished)
     prepared(searched)
     if not model.names:
         result = _result(objective, searched, model.known.new_zeros(1, 0), None, search, settings, error)
@@ -163,7 +164,7 @@ def identified(
     if settings.polish and not isinstance(search, LeastSquares):
         outcome = polished(searched, outcome, say)
     if searched is not objective:
-        searched, outcome = confirmed(objective, searched, outcome, say)
+        searched, outcome = confirmed(objective, searched, outcome, say, (error or 0.0) > TOLERANCE)
     objective, searched, outcome, off = followed(objective, searched, outcome, settings, say)
     theta = model.space.to_si(outcome.best_position[outcome.best_objective.argsort()])
     result = _result(objective, searched, theta, outcome, search, settings)

@@ -65,6 +65,7 @@ def reduce(
     n_mode: int = 0,
     tolerance: float = 1e-4,
     also: Float[Tensor, "n_member n_parameter"] | None = None,
+    rough: float = 0.0,
 ) -> tuple[PlateModel, float] | None:
     """The same model in a reduced basis that holds over the whole box, or None where no small basis does.
 
@@ -75,6 +76,8 @@ def reduce(
         tolerance: greatest error on members the basis was not built from: of each FRF in relative norm, and of each
             natural frequency relative to itself.
         also: members that the basis is to hold beside its own choice.
+        rough: greatest error that was seen of the best basis, which is returned where none is as good as the tolerance;
+            with nothing, none is. Of members beyond those that were looked at it says nothing.
 
     Returns:
         The reduced model and the greatest error found, inside the box and at the ends of its intervals; None where half
@@ -84,7 +87,7 @@ def reduce(
     if (device := model.known.device).type != "cpu":
         # Sparse solves are made on the CPU.
         lines, members = (None if given is None else given.cpu() for given in (frequency, also))
-        found_there = reduce(model.on("cpu"), lines, n_mode, tolerance, members)
+        found_there = reduce(model.on("cpu"), lines, n_mode, tolerance, members, rough)
         return None if found_there is None else (found_there[0].to(device), found_there[1])
     build, probes, more, ends = _members(model)
     everyone = torch.cat([build, *probes, more, ends])
@@ -119,29 +122,33 @@ def reduce(
         rounds = rounds[2:]
     columns: _Columns | None = None
     full: Full | None = None
+    best: tuple[PlateModel, float] | None = None
     for turn, ((margin, independent), probe) in enumerate(rounds):
         if columns is None or columns.margin != margin:
             columns = _ritz_columns(model, build, reached, n_mode, margin)
         basis = columns.independent(independent)
         if basis.shape[-1] > model.assembly.size // 2:
-            return None
+            break
         reduced = model.projected(basis)
         if frequency is not None and (whole := _sharing(model, reduced, everyone)) is not None:
             reduced = _enough_terms(whole, seen, frequency, tolerance)[0]
         if full is None:
             full = full_model(model, probe, frequency, n_mode)
         error, others = full.error(reduced), [full.theta]
-        if frequency is not None and error <= tolerance:
+        if frequency is not None and error <= max(tolerance, rough):
             errors = estimated_error(model, reduced, estimated, frequency)
+            if error <= tolerance:
+                others.append(estimated[errors.argmax(), None])
+            if (seen_error := max(error, float(errors.max()))) <= (rough if best is None else best[1]):
+                best = reduced, seen_error
             error = max(error, _of_all(errors))
-            others.append(estimated[errors.argmax(), None])
         if error <= tolerance:
             return reduced, error
         if turn > 1 and model.names:
             # Before others are taken in, fainter directions of the same members are, and more of their modes: held
             # against the same members, from which these are not built either.
             build, columns, full = torch.cat([build, *others]), None, None
-    return None
+    return best
 
 
 def _of_all(errors: Float[Tensor, " n_member"]) -> float:
