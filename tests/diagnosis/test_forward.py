@@ -153,6 +153,7 @@ def case(request, diagnosed) -> SimpleNamespace:
     return diagnosed(request.param)
 
 
+@pytest.mark.check
 def test_where_nothing_is_hidden_nothing_is_named(diagnosed):
     found = diagnosed("nothing").found
     assert found.verdict == "consistent"
@@ -860,7 +861,7 @@ def test_beside_a_rib_the_finer_mesh_is_expected_to_leave_as_much_as_it_does(lab
 
 
 @torch.no_grad()
-@pytest.mark.parametrize("excessive", [{}, {"thickness": 9.0}])
+@pytest.mark.parametrize("excessive", [pytest.param({}, marks=pytest.mark.check), {"thickness": 9.0}])
 def test_on_the_finer_mesh_a_specimen_begins_as_it_was_whatever_it_took_on(lab, monkeypatch, excessive):
     scene, asked = lab.Scene(hidden={"gain": 1.0}), []
     selection = ForwardSelection(scene.builder, {}, lambda _: None)

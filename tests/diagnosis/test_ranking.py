@@ -650,6 +650,7 @@ def test_what_else_may_sit_where_the_best_does_is_tried_there(lab, monkeypatch):
     assert scene.ranking.instead.of(scene.state, little, everyone, module.NOBODY) == []
 
 
+@pytest.mark.check
 @torch.no_grad()
 def test_a_law_of_damping_is_refitted_where_dampings_would_have_to_scatter_more_than_tests_have_them(
     scene, monkeypatch
