@@ -28,6 +28,8 @@ class ParameterSpace(nn.Module):
         self.register_buffer("low", torch.tensor([interval.low for interval in intervals], dtype=torch.float64))
         self.register_buffer("high", torch.tensor([interval.high for interval in intervals], dtype=torch.float64))
         self.register_buffer("logarithmic", torch.tensor([i.logarithmic for i in intervals], dtype=torch.bool))
+        # To ask the tensor inside a transform of torch.func makes torch import its compiler: seconds of a run.
+        self._some_logarithmic = any(interval.logarithmic for interval in intervals)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -35,7 +37,7 @@ class ParameterSpace(nn.Module):
     def to_si(self, position: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch n_parameter"]:
         """From the unit cube to theta in SI units: low + u (high − low), or low (high/low)^u on the log scale."""
         linear = self.low + position * (self.high - self.low)
-        if not bool(self.logarithmic.any()):
+        if not self._some_logarithmic:
             return linear
         low, high = (torch.where(self.logarithmic, end, 1.0) for end in (self.low, self.high))
         return torch.where(self.logarithmic, low * (high / low) ** position, linear)
@@ -43,7 +45,7 @@ class ParameterSpace(nn.Module):
     def to_cube(self, theta: Float[Tensor, "*batch n_parameter"]) -> Float[Tensor, "*batch n_parameter"]:
         """From theta in SI units to the unit cube; the inverse of `to_si`."""
         linear = (theta - self.low) / (self.high - self.low)
-        if not bool(self.logarithmic.any()):
+        if not self._some_logarithmic:
             return linear
         low, high = (torch.where(self.logarithmic, end, 1.0) for end in (self.low, self.high))
         inner = torch.where(self.logarithmic, theta / low, 1.0)
