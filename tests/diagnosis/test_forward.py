@@ -15,11 +15,12 @@ from torchplate.diagnosis.candidates.candidate import nameable
 from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import Fit, judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
-from torchplate.diagnosis.selection import forward, ranking, settling
+from torchplate.diagnosis.selection import forward, pairs, ranking, settling
 from torchplate.diagnosis.selection.criterion import choose, known_section, remaining
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.screen import Scored
+from torchplate.diagnosis.selection.steps import added
 from torchplate.diagnosis.selection.trace import Naming, Ranked, State
 from torchplate.diagnosis.selection.worth import explains_some, tried_enough, worth_their_names
 from torchplate.diagnosis.settings import SETTINGS
@@ -456,9 +457,9 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
         begun.append([one.hypothesis.name for one in state.named])
         return choose([both], state.fit), rankings[0]
 
-    monkeypatch.setattr(selection, "_needed", needed)
+    monkeypatch.setattr(selection.steps, "needed", needed)
     state = State(scene.state.model, far)
-    found = selection._two_that_promise(state, [ranked(0.6, 0.3, 0.1)], 3)
+    found = selection.pairs.that_promise(state, [ranked(0.6, 0.3, 0.1)], 3)
     assert [one.hypothesis.name for one in found.named] == ["sensor_gain", "point_mass"]
     assert begun == [["sensor_gain"]]
     assert any("promised much and explains little" in one for one in said)
@@ -471,7 +472,7 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
         (found, [ranked(0.6, 0.3, 0.1)], 3),
         (State(scene.state.model, right), [ranked(0.6, 0.3, 0.1)], 3),
     ):
-        assert selection._two_that_promise(one, rankings, most) is None
+        assert selection.pairs.that_promise(one, rankings, most) is None
     # That which smoothed FRFs were followed to most nearly goes first, from there: sharply the other led it astray.
     end = torch.full((len(alone.fit.model.names),), 0.4, dtype=torch.float64)
     second = scene.hypothesis("density")
@@ -480,13 +481,13 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
     begun.clear()
     states = []
     monkeypatch.setattr(
-        selection, "_needed", lambda state, _: states.append(state) or (choose([both], state.fit), several)
+        selection.steps, "needed", lambda state, _: states.append(state) or (choose([both], state.fit), several)
     )
-    assert selection._two_that_promise(state, [several], 3) is not None
+    assert selection.pairs.that_promise(state, [several], 3) is not None
     assert [one.hypothesis.name for one in states[0].named] == ["sensor_gain"]
     torch.testing.assert_close(states[0].model.space.to_cube(states[0].fit.theta), end)
     several = replace(several, ways=((second.candidate, end), (alone.candidate, end)))
-    assert selection._two_that_promise(state, [several], 3) is not None
+    assert selection.pairs.that_promise(state, [several], 3) is not None
     assert [one.hypothesis.name for one in states[1].named] == ["density"]
     # A second one is not tried once so much was evaluated.
     more = lab.leaving(scene.fit, 1e5)
@@ -495,20 +496,22 @@ def test_two_are_looked_for_where_one_promised_much_and_explains_nothing(lab, mo
         states.clear()
         monkeypatch.setattr(ModelBuilder, "n_evaluation", property(lambda _, n=evaluated: n))
         monkeypatch.setattr(
-            selection, "_needed", lambda state, _: states.append(state) or (choose([second_best], state.fit), several)
+            selection.steps,
+            "needed",
+            lambda state, _: states.append(state) or (choose([second_best], state.fit), several),
         )
-        selection._two_that_promise(state, [several], 3)
+        selection.pairs.that_promise(state, [several], 3)
         assert len(states) == n_tried
     # Nor any, where two were looked for already, from the best one.
     for evaluated, n_ranking, n_tried in ((0, 2, 2), (SETTINGS.selecting.enough + 1, 2, 0)):
         states.clear()
         monkeypatch.setattr(ModelBuilder, "n_evaluation", property(lambda _, n=evaluated: n))
-        selection._two_that_promise(state, [several] * n_ranking, 3)
+        selection.pairs.that_promise(state, [several] * n_ranking, 3)
         assert len(states) == n_tried
-    monkeypatch.setattr(selection, "_needed", needed)
+    monkeypatch.setattr(selection.steps, "needed", needed)
     # Nor if both explain no more than none does.
     both = replace(both, fit=far)
-    assert selection._two_that_promise(state, [ranked(0.6, 0.3, 0.1)], 3) is None
+    assert selection.pairs.that_promise(state, [ranked(0.6, 0.3, 0.1)], 3) is None
 
 
 @torch.no_grad()
@@ -553,14 +556,14 @@ def test_where_one_of_two_that_promised_much_is_needless_another_is_looked_for(l
         for name in some:
             one = replace(two[name], fit=lab.leaving(two[name].fit, misfit * scene.fit.judged.n))
             ranked = Ranked((), (one,))
-            state = selection._added(state, choose([one], state.fit), ranked)
+            state = added(state, choose([one], state.fit), ranked)
         return replace(state, previous=None)
 
     monkeypatch.setattr(selection.exchange, "judged_again", lambda _: beside(*stays))
-    monkeypatch.setattr(forward, "is_noise", lambda fit: fit.reduced_misfit < 1)
+    monkeypatch.setattr(pairs, "is_noise", lambda fit: fit.reduced_misfit < 1)
     gain = scene.hypothesis("sensor_gain")
-    monkeypatch.setattr(selection, "_needed", lambda state, _: (choose([gain], state.fit), Ranked((), (gain,))))
-    found = selection._beside_those_that_stay(beside("orthotropy", "point_mass"), [])
+    monkeypatch.setattr(selection.steps, "needed", lambda state, _: (choose([gain], state.fit), Ranked((), (gain,))))
+    found = selection.pairs.that_stay(beside("orthotropy", "point_mass"), [])
     assert [one.hypothesis.name for one in found.named] == names
 
 
@@ -579,9 +582,9 @@ def test_where_far_more_than_noise_is_left_a_second_is_looked_for_where_smoothed
     alone = replace(alone, fit=lab.leaving(alone.fit, misfit * n))
     end = torch.full((len(alone.fit.model.names),), 0.4, dtype=torch.float64)
     ranked = Ranked((), (alone,), ways=((alone.candidate, end),))
-    single = selection._added(before, choose([alone], before.fit), ranked)
-    monkeypatch.setattr(selection, "_needed", lambda state, _: states.append(state))
-    assert selection._pairs(before, ranked, single, []) == (None, None)
+    single = added(before, choose([alone], before.fit), ranked)
+    monkeypatch.setattr(selection.steps, "needed", lambda state, _: states.append(state))
+    assert selection.pairs.beside_the_best(before, ranked, single, []) == (None, None)
     where = states[0].model.space.to_cube(states[0].fit.theta)
     assert torch.allclose(where, end) == first
     # Where it ended sharply is tried, too.
@@ -599,14 +602,14 @@ def test_a_second_effect_has_to_be_more_probable_than_the_first_alone_at_its_end
     alone = scene.hypothesis("sensor_gain")
     before = State(scene.state.model, lab.leaving(scene.fit, 9e6))
     alone = replace(alone, fit=lab.leaving(alone.fit, 1.6e6))
-    single = selection._added(before, choose([alone], before.fit), Ranked((), (alone,)))
+    single = added(before, choose([alone], before.fit), Ranked((), (alone,)))
     smoothed = replace(single, fit=lab.leaving(single.fit, 4e6))
     second = scene.hypothesis("point_mass", state=single)
     ranked = Ranked((), (replace(second, fit=lab.leaving(second.fit, leaves)),))
-    monkeypatch.setattr(selection, "_where_smoothed", lambda *_: [smoothed])
+    monkeypatch.setattr(selection.pairs, "_where_smoothed", lambda *_: [smoothed])
     monkeypatch.setattr(selection.ranking, "at", lambda state: ranked if state is smoothed else Ranked((), ()))
-    assert selection._needed(smoothed, []) is not None
-    further, _ = selection._pairs(before, ranked, single, [])
+    assert selection.steps.needed(smoothed, []) is not None
+    further, _ = selection.pairs.beside_the_best(before, ranked, single, [])
     assert (further is not None) == needed
     if further is not None:
         # What it explains is told from there, too.
@@ -650,11 +653,11 @@ def test_where_the_first_effect_alone_leaves_noise_the_baseline_is_told(lab, mon
     selection, gain, asked = ForwardSelection(scene.builder, {}, lambda _: None), scene.hypothesis("sensor_gain"), []
     ranked = Ranked((), (gain,))
     choice = choose(ranked.hypotheses, scene.fit)
-    monkeypatch.setattr(selection, "_needed", lambda _, rankings: rankings.append(ranked) or (choice, ranked))
+    monkeypatch.setattr(selection.steps, "needed", lambda _, rankings: rankings.append(ranked) or (choice, ranked))
     monkeypatch.setattr(selection, "_restarted", lambda _, *needed: needed)
     monkeypatch.setattr(forward, "is_alone", lambda best, one: alone and best is gain and one is ranked)
     monkeypatch.setattr(selection, "_lower", lambda *given: asked.append(given[-1]))
-    monkeypatch.setattr(selection, "_explained", lambda state: state)
+    monkeypatch.setattr(selection.steps, "explained", lambda state: state)
     selection.add_effects(State(scene.state.model, scene.fit), 1)
     assert asked == [alone]
 
@@ -674,7 +677,7 @@ def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeyp
         rankings.append(ranked)
         return (choose(ranked.hypotheses, state.fit), ranked) if hides or not state.named else None
 
-    monkeypatch.setattr(selection, "_needed", needed)
+    monkeypatch.setattr(selection.steps, "needed", needed)
     monkeypatch.setattr(selection, "_lower", lambda *_: None)
     doubts = []
 
@@ -682,7 +685,7 @@ def test_a_second_effect_is_looked_for_where_the_first_leaves_noise(lab, monkeyp
         doubts.append(doubted)
         return state
 
-    monkeypatch.setattr(selection, "_explained", explained)
+    monkeypatch.setattr(selection.steps, "explained", explained)
     found, rankings = selection.add_effects(State(scene.state.model, scene.fit), most)
     assert [one.hypothesis.name for one in found.named] == ["sensor_gain", "point_mass"][:expected]
     assert asked == [[], ["sensor_gain"]][: min(most, 2)]
@@ -711,7 +714,7 @@ def test_a_second_has_to_promise_more_on_the_mesh_that_the_first_was_settled_on(
 
     monkeypatch.setattr(Ranking, "scored", scored)
     monkeypatch.setattr(selection.settling, "left_by_mesh", lambda *_: 3.0)
-    monkeypatch.setattr(selection, "_needed", lambda state, _: looked.append(state))
+    monkeypatch.setattr(selection.steps, "needed", lambda state, _: looked.append(state))
     # That mesh has a number of elements, whatever its error is.
     monkeypatch.setattr(ModelBuilder, "corrected", lambda *_: pytest.fail("a mesh error was taken off for nothing"))
     rankings: list[Ranked] = []
@@ -887,7 +890,7 @@ def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab
     selection = ForwardSelection(scene.builder, {}, lambda _: None)
     hypothesis = scene.hypothesis("sensor_gain")
     choice = choose((hypothesis,), scene.state.fit)
-    state = selection._added(scene.state, choice, Ranked((), (hypothesis,)))
+    state = added(scene.state, choice, Ranked((), (hypothesis,)))
     (naming,) = state.named
     assert naming.before.left > selection.settings.small_gap * scene.builder.target.floor
     asked = []
@@ -921,10 +924,10 @@ def test_beside_a_hole_the_finer_mesh_is_asked_whatever_is_left(lab, monkeypatch
     fit = lab.leaving(scene.fit, times * scene.fit.judged.n)
     far = replace(scene.state, fit=fit._replace(judged=fit.judged._replace(noise_scale=times**0.5)))
     monkeypatch.setattr(selection.settling, "ended", lambda state, _: asked.append(state) or state)
-    assert selection._explained(far) is None
+    assert selection.steps.explained(far) is None
     assert not asked
     monkeypatch.setattr(PlateModel, "has_hole", lambda *_: True)
-    assert selection._explained(far) is far
+    assert selection.steps.explained(far) is far
     assert asked == [far]
 
 

@@ -1,7 +1,7 @@
 """Which effects are added: scored, refitted, compared, added and removed again.
 
-- `forward`: forward selection with a beam of two: the baseline, then one effect after another; `worth`: whether
-  what was added is worth going on beside it, and its name.
+- `forward`: forward selection with a beam of two: the baseline, then one effect after another; `steps`: one of these;
+  `pairs`: two where one does not do; `worth`: whether what was added is worth going on beside it, and its name.
 - `ranking`: the whole catalogue beside one model: scored, the best refitted; `shortlist`: which these are.
 - `afar`: their way down where peaks need not overlap; `starts`: where refits begin; `refit`: of one of them;
   `details`: of the best with more numbers and with fewer; `instead`: what may be taken for the best of them;

@@ -5,7 +5,6 @@ most promising, name the best with its equivalents, add it; where one alone does
 two. In the end each name is judged again beside the others.
 """
 
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
@@ -24,9 +23,7 @@ from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.selection.attached import Attached
 from torchplate.diagnosis.selection.criterion import (
     Choice,
-    Hypothesis,
     choose,
-    evidence,
     is_explained,
     is_needed,
     is_noise,
@@ -35,12 +32,13 @@ from torchplate.diagnosis.selection.criterion import (
 )
 from torchplate.diagnosis.selection.exchange import Exchange
 from torchplate.diagnosis.selection.grounded import is_alone
+from torchplate.diagnosis.selection.pairs import Pairs
 from torchplate.diagnosis.selection.ranking import Ranking
-from torchplate.diagnosis.selection.screen import twins
 from torchplate.diagnosis.selection.settling import Settling
 from torchplate.diagnosis.selection.shortlist import best_of_each
-from torchplate.diagnosis.selection.trace import Naming, Ranked, State
-from torchplate.diagnosis.selection.worth import explains_much, explains_some, tried_enough, worth_their_names
+from torchplate.diagnosis.selection.steps import Steps, added, judged
+from torchplate.diagnosis.selection.trace import Ranked, State
+from torchplate.diagnosis.selection.worth import explains_much, tried_enough, worth_their_names
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.diagnosis.tolerance import measured, with_tolerances
 from torchplate.model import PlateModel
@@ -69,6 +67,8 @@ class ForwardSelection:
         self.ranking = Ranking(builder, prior, channels, say, self._beside_a_finer_mesh, measured)
         self.exchange = Exchange(builder, self.ranking, prior, say)
         self.settling = Settling(builder, prior, self.ranking, self.exchange, say)
+        self.steps = Steps(builder, self.ranking, self.settling)
+        self.pairs = Pairs(builder, prior, self.steps, self.exchange, say)
         # A baseline, and where it ended on the given mesh: asked for before effects are looked for, and in the end.
         self._on_given_mesh: tuple[Fit, Fit] | None = None
 
@@ -210,12 +210,12 @@ class ForwardSelection:
         self.begun, lowered = state, False
         rankings: list[Ranked] = []
         while len(state.named) < most_effects:
-            needed = self._needed(state, rankings)
+            needed = self.steps.needed(state, rankings)
             if needed is None:
                 break
             choice, rankings[-1] = self._restarted(state, *needed)
             ranked = rankings[-1]
-            single = self._added(state, choice, ranked)
+            single = added(state, choice, ranked)
             # The best alone leaves nothing but noise, or others were fitted from where it does.
             alone = is_alone(choice.best, ranked) or (ranked is not needed[1] and is_noise(choice.best.fit))
             if not state.named and (lower := self._lower(state, single, ranked, alone)) is not None:
@@ -225,12 +225,12 @@ class ForwardSelection:
                 if not holds:
                     rankings = []
                     continue
-                single = self._added(state, choice, ranked)
+                single = added(state, choice, ranked)
             room = len(single.named) < most_effects
-            if (settled := self._explained(single)) is not None:
+            if (settled := self.steps.explained(single)) is not None:
                 return (self._one_more(single, settled, rankings) if room else None) or settled, rankings
             # One alone does not do: the best pair need not begin with the best single one.
-            further, settled = self._pairs(state, ranked, single, rankings) if room else (None, None)
+            further, settled = self.pairs.beside_the_best(state, ranked, single, rankings) if room else (None, None)
             if settled is not None:
                 return settled, rankings
             state = further or single
@@ -241,8 +241,8 @@ class ForwardSelection:
             ):
                 break
         state = worth_their_names(state, self.builder)
-        if (pair := self._two_that_promise(state, rankings, most_effects)) is not None:
-            state = self._beside_those_that_stay(pair, rankings)
+        if (pair := self.pairs.that_promise(state, rankings, most_effects)) is not None:
+            state = self.pairs.that_stay(pair, rankings)
         return self.settling.last(state, self.begun), rankings
 
     def attached(
@@ -259,10 +259,10 @@ class ForwardSelection:
         if not here or not rankings:
             return None
         ranked = replace(rankings[0], hypotheses=tuple(best_of_each([*here, *rankings[0].hypotheses])))
-        needed = self._judged(begun, ranked)
+        needed = judged(begun, ranked)
         if needed is None or all(one is not needed[0].best for one in here):
             return None
-        settled = self._explained(self._added(begun, *needed))
+        settled = self.steps.explained(added(begun, *needed))
         return None if settled is None else (settled, ranked)
 
     def _restarted(self, state: State, choice: Choice, ranked: Ranked) -> tuple[Choice, Ranked]:
@@ -313,18 +313,6 @@ class ForwardSelection:
         self.say(f"baseline: misfit {found.reduced_misfit:.3g} from there, without it")
         return replace(state, fit=found)
 
-    def _explained(self, state: State, doubted: bool = False) -> State | None:
-        """The state, settled, if nothing but noise is left of it; None where more is.
-
-        Args:
-            state: a model with what was named.
-            doubted: whether what was named last is, whatever it closed: a finer mesh left nothing but noise without it.
-        """
-        if not is_noise(state.fit) and not self.settling.is_little(state):
-            return None
-        ended = self.settling.ended(state, doubted)
-        return ended if ended is state or is_explained(ended.fit, self.builder.target) else None
-
     def _one_more(self, before: State, state: State, rankings: list[Ranked]) -> State | None:
         """With one effect more, settled, where that is more probable than noise alone; None where none is.
 
@@ -340,151 +328,9 @@ class ForwardSelection:
         if state is not before and (scored := self.settling.nothing_hides(before, state)) is not None:
             rankings.append(scored)
             return None
-        needed = self._needed(before, rankings)
-        return None if needed is None else self._explained(self._added(before, *needed), doubted=True)
-
-    def _pairs(
-        self, state: State, ranked: Ranked, single: State, rankings: list[Ranked]
-    ) -> tuple[State | None, State | None]:
-        """The best with one effect more, from the few that explain so much that looking beside them is worth it.
-
-        Returns:
-            It, if there is one; and the one that leaves nothing but noise, settled, if there is one.
-        """
-        settings = self.settings
-        ordered = sorted(ranked.hypotheses, key=lambda one: one.cost)
-        most = settings.beside * ordered[0].fit.reduced_misfit
-        beam: list[State] = []
-        if explains_some(state.fit, single.named[-1].hypothesis, settings):
-            beam = [*self._where_smoothed(single, ranked), single]
-        for other in ordered[1:]:
-            if len(beam) >= settings.n_best or other.fit.reduced_misfit > most:
-                break
-            if is_needed(state.fit, other, ranked.chance(other.name)) and explains_some(
-                state.fit, other, settings, by_cost=True
-            ):
-                beam.append(self._added(state, choose(ordered, state.fit, other), ranked))
-        best: State | None = None
-        for rank, start in enumerate(beam):
-            if rank and self.builder.n_evaluation > settings.enough:
-                break
-            names = " + ".join(one.hypothesis.name for one in start.named)
-            self.say(f"{names} leaves {start.fit.reduced_misfit:.3g}: looking for what else is missing")
-            needed = self._needed(start, rankings)
-            if needed is not None and start.model is single.model and single.fit.cost < start.fit.cost:
-                # Smoothed FRFs had taken it there, which is no end of it: what a second is worth shows beside its end.
-                start, needed = single, self._judged(single, needed[1])
-            if needed is None:
-                continue
-            found = self._added(start, *needed)
-            much_less = found.fit.square <= settings.much_less * start.fit.square
-            if not is_noise(found.fit) and found.fit.by_noise and much_less:
-                # Two of a kind may have changed places, as two kinds of damping: which is cheaper to see so.
-                found = self.exchange.judged_again(found)
-            if best is None or found.fit.cost < best.fit.cost:
-                best = found
-                if (settled := self._explained(found)) is not None:
-                    return best, settled
-        return best, None
-
-    def _where_smoothed(self, single: State, ranked: Ranked) -> list[State]:
-        """The model with its last effect where smoothed FRFs had taken it, if far more than noise is left of it.
-
-        Sharply it went to where what lacks still let it, which may hide that; smoothed FRFs see both.
-        """
-        last = single.named[-1].hypothesis
-        end = next((end for candidate, end in ranked.ways if candidate is last.candidate), None)
-        if end is None or not single.fit.by_noise or single.fit.reduced_misfit <= self.settings.doubtful:
-            return []
-        return [replace(single, fit=judged_at(self.builder, last.fit, self.prior, end))]
-
-    def _two_that_promise(self, state: State, rankings: list[Ranked], most_effects: int) -> State | None:
-        """Two effects of which neither alone explains anything, though smoothed FRFs promised much of one.
-
-        Beside a level that is wrong no peaks overlap, and beside peaks that do not overlap no level is right.
-        """
-        settings = self.settings
-        if state.named or most_effects < 2 or is_noise(state.fit) or not state.fit.by_noise or not rankings:
-            return None
-        if len(rankings) > 1 and self.builder.n_evaluation > settings.enough:
-            # Two were looked for already, from the best one.
-            return None
-        ranked = rankings[0]
-        promised = {one.candidate.name: one for one in reversed(ranked.promises)}
-        alike = dict(zip((one.candidate.name for one in ranked.promises), twins(ranked.promises), strict=True))
-        chosen: list[Hypothesis] = []
-        # A support at a place that was found was not scored.
-        scored = [one for one in ranked.hypotheses if one.name in promised]
-        ends = {id(candidate): (rank, end) for rank, (candidate, end) in enumerate(ranked.ways)}
-
-        def nearest_first(one: Hypothesis) -> tuple[int, float]:
-            """Those that smoothed FRFs were followed to, the nearest first; the others by what they promised."""
-            rank, _ = ends.get(id(one.candidate), (len(ends), None))
-            return rank, -promised[one.name].drop
-
-        for one in sorted(scored, key=nearest_first):
-            much = promised[one.name].drop >= 1 - settings.explains_much
-            if much and not any(other.name in alike[one.name] for other in chosen):
-                chosen.append(one)
-        best: State | None = None
-        for rank, one in enumerate(chosen[: settings.n_best]):
-            if rank and self.builder.n_evaluation > settings.enough:
-                break
-            self.say(f"{one.name} promised much and explains little: looking for what else is missing")
-            start = self._added(state, choose(ranked.hypotheses, state.fit, one), ranked)
-            _, end = ends.get(id(one.candidate), (0, None))
-            if end is not None:
-                # Sharply it went to where the other, which lacks, let it; smoothed FRFs see both.
-                start = replace(start, fit=judged_at(self.builder, one.fit, self.prior, end))
-            needed = self._needed(start, rankings)
-            if needed is None:
-                continue
-            found = self._added(start, *needed)
-            if best is None or found.fit.cost < best.fit.cost:
-                best = found
-            if is_noise(found.fit):
-                break
-        if best is None:
-            return None
-        weight = weight_of([state.fit, best.fit])
-        none = evidence(state.fit, weight) - 2 * math.log(1 - state.fit.comparison.missing)
-        added = [one.hypothesis for one in best.named]
-        both = evidence(best.fit, weight) + sum(one.prior + one.rarity(weight, best.fit) for one in added)
-        return best if both < none else None
-
-    def _beside_those_that_stay(self, pair: State, rankings: list[Ranked]) -> State:
-        """Two effects judged again; with one more where only one of them stays, and leaves more than noise.
-
-        What promised much beside peaks that do not overlap may only have led to the other.
-        """
-        state = self.exchange.judged_again(pair)
-        if not 0 < len(state.named) < len(pair.named) or is_noise(state.fit):
-            return state
-        names = " + ".join(one.hypothesis.name for one in state.named)
-        self.say(f"{names} leaves {state.fit.reduced_misfit:.3g}: looking for what else is missing")
-        needed = self._needed(state, rankings)
-        return state if needed is None else worth_their_names(self._added(state, *needed), self.builder)
+        needed = self.steps.needed(before, rankings)
+        return None if needed is None else self.steps.explained(added(before, *needed), doubted=True)
 
     def _beside_a_finer_mesh(self, state: State) -> Ranked | None:
         # Settling itself asks the ranking, which is made before it.
         return self.settling.beside_a_finer_mesh(state)
-
-    def _needed(self, state: State, rankings: list[Ranked]) -> tuple[Choice, Ranked] | None:
-        """The best of the catalogue beside a state, if it is more probable than none; the ranking joins the others."""
-        ranked = self.ranking.at(state)
-        rankings.append(ranked)
-        return self._judged(state, ranked)
-
-    @staticmethod
-    def _judged(state: State, ranked: Ranked) -> tuple[Choice, Ranked] | None:
-        """The best of a ranking, if it is more probable than none beside a state."""
-        if not ranked.hypotheses:
-            return None
-        choice = choose(ranked.hypotheses, state.fit)
-        return (choice, ranked) if is_needed(state.fit, choice.best, ranked.chance(choice.best.name)) else None
-
-    def _added(self, state: State, choice: Choice, ranked: Ranked) -> State:
-        hypothesis = choice.best
-        model = with_candidate(state.model, hypothesis.label, hypothesis.candidate)
-        naming = Naming(hypothesis, choice, state.fit, ranked.hypotheses, by_chance=ranked.chance(hypothesis.name))
-        return State(model, hypothesis.fit, (*state.named, naming), state, ranked)
