@@ -41,32 +41,10 @@ class Patterns(NamedTuple):
 
 def monomials(place: Float[Tensor, "*batch 2"], order_x: int = 0, order_y: int = 0) -> Float[Tensor, "*batch 12"]:
     """Derivative ∂^(order_x + order_y) / ∂x^order_x ∂y^order_y of the twelve monomials [m^(power − order)]."""
-    known = LOWERED.get((order_x, order_y)) or _lowered(order_x, order_y)
-    factor, *lowered = (part.to(place.device) for part in known)
-    square = place.square()
-    powers = torch.stack([torch.ones_like(place), place, square, square * place], dim=-1)
-    of_x, of_y = (one.index_select(-1, which) for one, which in zip(powers.unbind(-2), lowered, strict=True))
-    return factor.to(place.dtype) * of_x * of_y
-
-
-@torch.inference_mode(False)
-def _lowered(order_x: int, order_y: int) -> tuple[Tensor, Tensor, Tensor]:
-    """What differentiation puts before each monomial, and the powers of x and y that it leaves."""
-    power_x, power_y = EXPONENT.unbind(-1)
+    power_x, power_y = EXPONENT[:, 0].to(place.device), EXPONENT[:, 1].to(place.device)
     factor = _falling(power_x, order_x) * _falling(power_y, order_y)
-    return factor, (power_x - order_x).clamp(min=0), (power_y - order_y).clamp(min=0)
-
-
-def _falling(power: Tensor, order: int) -> Tensor:
-    """Power · (power − 1) · ... with `order` factors: what differentiation puts before a monomial."""
-    factor = torch.ones_like(power)
-    for step in range(order):
-        factor = factor * (power - step)
-    return factor
-
-
-# Of all orders up to those of bending moments' slopes: places that are searched ask for them thousands of times.
-LOWERED = {(order_x, order_y): _lowered(order_x, order_y) for order_x in range(4) for order_y in range(4)}
+    x, y = place[..., :1], place[..., 1:]
+    return factor.to(place.dtype) * x ** (power_x - order_x).clamp(min=0) * y ** (power_y - order_y).clamp(min=0)
 
 
 def shape_functions(
@@ -166,6 +144,14 @@ def stiffness(rigidity: Float[Tensor, "*batch 3 3"], a: float, b: float) -> Floa
 def mass(areal_mass: Float[Tensor, "*batch"], a: float, b: float) -> Float[Tensor, "*batch 12 12"]:
     """Consistent mass matrices ∫ m Nᵀ N of a × b elements (seed paper, Eq. 14), one for each areal mass [kg/m²]."""
     return areal_mass[..., None, None] * patterns(a, b).mass.to(areal_mass)
+
+
+def _falling(power: Tensor, order: int) -> Tensor:
+    """Power · (power − 1) · ... with `order` factors: what differentiation puts before a monomial."""
+    factor = torch.ones_like(power)
+    for step in range(order):
+        factor = factor * (power - step)
+    return factor
 
 
 def _moment(first: tuple[int, int], second: tuple[int, int]) -> Float[Tensor, "12 12"]:
