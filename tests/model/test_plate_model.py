@@ -2,6 +2,7 @@
 
 import copy
 
+import numpy as np
 import pytest
 import torch
 
@@ -417,3 +418,17 @@ def test_the_state_of_a_model_is_its_numbers_and_no_matrix(plates, reduced) -> N
         model = model.projected(ritz_basis(model, theta, frequency, 0, 2.0))
     assert len(dict(model.named_buffers())) > 10
     assert set(model.state_dict()) == {"known", "space.low", "space.high", "space.logarithmic"}
+
+
+@pytest.mark.parametrize(
+    "own", [[np.int64(4)], np.array([4]), 4, torch.tensor([4])], ids=lambda own: type(own).__name__
+)
+def test_own_points_may_be_whatever_points_may_be(own):
+    known = {"plate.youngs_modulus": 7e10, "plate.poisson_ratio": 0.3, "plate.density": 2700.0, "plate.thickness": 3e-3}
+    lines, given = torch.tensor([50.0, 90.0], dtype=torch.float64), {"plate": Plate()}
+    wanted = PlateModel(Mesh(0.5, 0.3, 4, 3), given, known, response=[4], reference=[2]).frf([], lines)
+    model = PlateModel(Mesh(0.5, 0.3, 4, 3), given, known, response=own, reference=[2])
+    assert torch.equal(model.frf([], lines), wanted)
+    # Points that are given anew count, whatever was asked for before.
+    model.response = [7]
+    assert not torch.equal(model.frf([], lines), wanted)

@@ -242,12 +242,13 @@ class DeclaredPlate(nn.Module):
 
     def _known_places(self, name: str, points: Points) -> Tensor:
         """The places of the model's own points, those of before where these are the same: each FRF asks for them."""
-        if not isinstance(points, list | tuple):
-            return self.mesh.places(as_points(points, name))
+        points = as_points(points, name)
+        if isinstance(points, Tensor):
+            return self.mesh.places(points)
         key = tuple(point if isinstance(point, int) else tuple(point) for point in points)
         known = self._own_places.get(name)
         if known is None or known[0] is not self.mesh or known[1] != key:
-            known = self.mesh, key, self.mesh.places(as_points(points, name))
+            known = self.mesh, key, self.mesh.places(points)
             if not transformed() and not torch.is_inference_mode_enabled():
                 self._own_places[name] = known
         return known[2]

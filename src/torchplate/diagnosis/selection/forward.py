@@ -45,7 +45,7 @@ from torchplate.model import PlateModel
 
 
 class ForwardSelection:
-    """The steps, each of which can be taken alone.
+    """All of it, each part of which can be taken alone.
 
     Args:
         builder: makes and evaluates models, beside the evidence.
