@@ -421,7 +421,9 @@ def test_the_state_of_a_model_is_its_numbers_and_no_matrix(plates, reduced) -> N
 
 
 @pytest.mark.parametrize(
-    "own", [[np.int64(4)], np.array([4]), 4, torch.tensor([4])], ids=lambda own: type(own).__name__
+    "own",
+    [[np.int64(4)], np.array([4]), 4, torch.tensor([4]), torch.tensor([[0.75, 0.0]])],
+    ids=("integers", "array", "label", "tensor", "places"),
 )
 def test_own_points_may_be_whatever_points_may_be(own):
     known = {"plate.youngs_modulus": 7e10, "plate.poisson_ratio": 0.3, "plate.density": 2700.0, "plate.thickness": 3e-3}

@@ -29,24 +29,25 @@ class DeclaredPlate(nn.Module):
         effects: Mapping[str, Effect],
         known: Mapping[str, float],
         searched: Mapping[str, Searched] | None = None,
-        response: Sequence[Point] | None = None,
-        reference: Sequence[Point] | None = None,
+        response: Points | None = None,
+        reference: Points | None = None,
         kind: str = "receptance",
         memory: int = 2**30,
         assembly: Assembly | None = None,
     ) -> None:
         super().__init__()
         self.effects = dict(effects)
-        self.response, self.reference, self.kind, self.memory = response, reference, kind, memory
+        self.response, self.reference = _own_points(response, "response"), _own_points(reference, "reference")
+        self.kind, self.memory = kind, memory
         if sum(isinstance(effect, Plate) for effect in self.effects.values()) != 1:
             raise ValueError("Expected exactly one effect `plate` in the model, got none or several. Keep one.")
         # The plate comes first and what changes other effects last, whatever their order in a config.
         self.effects = dict(sorted(self.effects.items(), key=lambda item: item[1].stage))
         for effect in self.effects.values():
             mesh = effect.discretise(mesh)
-        for name, points in (("response", response), ("reference", reference)):
+        for points in (self.response, self.reference):
             if mesh.cut and points is not None:
-                mesh.check_on_plate(mesh.places(as_points(points, name)).tolist())
+                mesh.check_on_plate(mesh.places(points).tolist())
         self.mesh = mesh
         found = declared(self.effects, known, searched or {})
         check_rigid(mesh, self.effects, found)
@@ -260,3 +261,9 @@ class DeclaredPlate(nn.Module):
         if check and (theta.device.type == "cpu" or self.assembly.basis is None):
             check_range(theta, self.space, self._searched, self.limit)
         return theta, isinstance(given, Tensor) and given.dtype in (torch.float32, torch.float16, torch.bfloat16)
+
+
+def _own_points(given: Points | None, name: str) -> Sequence[Point] | None:
+    """A model's own points, which are data: numbers in a list, whatever they were given as."""
+    points = None if given is None else as_points(given, name)
+    return points.tolist() if isinstance(points, Tensor) else points

@@ -40,7 +40,8 @@ class PlateModel(PlateVariants):
         effects: label → effect, in the order in which they act.
         known: "label.parameter" → value in SI units.
         searched: "label.parameter" → interval. A parameter in neither takes its neutral value.
-        response: where the FRFs are read unless a call says otherwise: node labels or relative places.
+        response: where the FRFs are read unless a call says otherwise: node labels or relative places, or one of them.
+            Places whose gradient is wanted go to `frf`.
         reference: where the force acts, likewise.
         kind: of the FRFs: receptance, mobility, accelerance, or transmissibility (response over the motion of the
             held edges; springs and dashpots to the ground then ride on that motion too).
