@@ -332,6 +332,23 @@ def test_where_more_is_missing_a_name_has_to_take_a_part_of_what_is_left(lab, by
 
 
 @torch.no_grad()
+@pytest.mark.parametrize(("squares", "worth"), [(0.4, True), (0.7, False)])
+def test_two_names_take_a_part_of_what_there_was_and_not_of_what_the_first_alone_leaves(lab, squares, worth):
+    """On the way to a pair the first may leave more than nothing did: beside it any second explains much."""
+    scene = lab.Scene(hidden={"gain": 1.5})
+    hypothesis = scene.hypothesis("sensor_gain")
+
+    def left(part):
+        return lab.leaving(scene.fit, part * 1e6)._replace(left=0.8 * part**0.5, by_noise=True)
+
+    state = before = State(scene.state.model, left(1.0))
+    for part in (1.6, squares):
+        naming = Naming(hypothesis, choose((hypothesis,), state.fit), state.fit)
+        state = State(scene.state.model, left(part), (*state.named, naming), state)
+    assert worth_their_names(state, scene.builder) is (state if worth else before)
+
+
+@torch.no_grad()
 @pytest.mark.parametrize(("scatter", "shows"), [(4.6, True), (2.9, False)])
 def test_a_name_shows_in_what_nuisances_need_not_take_on_beside_it(lab, scatter, shows):
     """Modes' dampings that scatter as they like leave no gap of a window that was not said."""

@@ -242,7 +242,7 @@ class ForwardSelection:
                 break
         state = worth_their_names(state, self.builder)
         if (pair := self.pairs.that_promise(state, rankings, most_effects)) is not None:
-            state = self.pairs.that_stay(pair, rankings)
+            state = worth_their_names(self.pairs.that_stay(pair, rankings), self.builder)
         return self.settling.last(state, self.begun), rankings
 
     def attached(

@@ -12,7 +12,7 @@ from torchplate.diagnosis.selection.exchange import Exchange
 from torchplate.diagnosis.selection.screen import twins
 from torchplate.diagnosis.selection.steps import Steps, added, judged
 from torchplate.diagnosis.selection.trace import Ranked, State
-from torchplate.diagnosis.selection.worth import explains_some, worth_their_names
+from torchplate.diagnosis.selection.worth import explains_some
 
 
 class Pairs:
@@ -152,4 +152,4 @@ class Pairs:
         names = " + ".join(one.hypothesis.name for one in state.named)
         self.say(f"{names} leaves {state.fit.reduced_misfit:.3g}: looking for what else is missing")
         needed = self.steps.needed(state, rankings)
-        return state if needed is None else worth_their_names(added(state, *needed), self.builder)
+        return state if needed is None else added(state, *needed)

@@ -40,16 +40,29 @@ def explains_much(state: State, builder: ModelBuilder) -> bool:
     that is a width off counts as if it were not there. What is left counts per degree of freedom: p numbers that are
     fitted to what n numbers say of modes take p / n of the squares by chance.
 
+    It does so beside each of the states before it: beside one that was only a way to it, and leaves more than there was
+    at first, much is explained by any end.
+
     Args:
         state: with it.
         builder: what evaluates it.
     """
-    if state.previous is None or is_noise(state.fit):
+    if is_noise(state.fit):
         return True
-    fit, before, settings = state.fit, state.previous.fit, builder.target.settings.selecting
+    n_own, before, after = 0, state.previous, state
+    while before is not None:
+        n_own += len(after.named[-1].hypothesis.candidate.searched) if after.named else 0
+        if not _much(before.fit, state.fit, n_own, builder):
+            return False
+        before, after = before.previous, before
+    return True
+
+
+def _much(before: Fit, fit: Fit, n_own: int, builder: ModelBuilder) -> bool:
+    """Whether a fit with so many numbers more explains much of what one left."""
+    settings = builder.target.settings.selecting
     if fit.by_noise:
         return fit.square <= settings.explains_much * before.square and remaining(before, fit) <= settings.shows
-    n_own = len(state.named[-1].hypothesis.candidate.searched) if state.named else 0
     free = max(0.0, 1 - n_own / fit.n_modal)
     most = free * settings.halved**2
     if fit.left**2 <= most * before.left**2:
