@@ -49,12 +49,12 @@ def explains_much(state: State, builder: ModelBuilder) -> bool:
     """
     if is_noise(state.fit):
         return True
-    n_own, before, after = 0, state.previous, state
-    while before is not None:
+    n_own, after = 0, state
+    while (before := after.previous) is not None:
         n_own += len(after.named[-1].hypothesis.candidate.searched) if after.named else 0
         if not _much(before.fit, state.fit, n_own, builder):
             return False
-        before, after = before.previous, before
+        after = before
     return True
 
 
