@@ -211,6 +211,27 @@ def test_what_the_others_make_needless_is_taken_out(lab, monkeypatch):
     assert "time_delay is no longer needed" in beside.said
 
 
+@torch.no_grad()
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_name_is_taken_out_from_where_others_in_its_place_left_the_rest(lab, seen):
+    """Beside a name the rest may go to where it does not do without; beside one that does nothing it does."""
+    two = Two(lab, "time_delay", hidden={"gain": 1.0})
+    first, last = two.state.named
+    there = two.state.fit
+    off, names = there.theta.clone(), there.model.names
+    # From a mass on the other side there is no way to where it is.
+    off[names.index("point_mass_1.x")], off[names.index("point_mass_1.y")] = 1 - lab.spot[0], 1 - lab.spot[1]
+    off[names.index("plate.youngs_modulus")] *= 1.1
+    state = replace(two.state, fit=there._replace(theta=off))
+    nothing = replace(first.hypothesis, label="time_delay_2", fit=there)
+    again = choose([replace(first.hypothesis, fit=state.fit), *([nothing] if seen else [])], first.before)
+    state = replace(state, named=(replace(first, again=again), last))
+    found = two.exchange.without_needless(state, two.builder, state.named[:1])
+    assert [one.hypothesis.name for one in found.named] == ["time_delay", "point_mass"][seen:]
+    if seen:
+        assert found.fit.reduced_misfit == pytest.approx(there.reduced_misfit, rel=0.02)
+
+
 def loud(fit, gap):
     """The same fit, as if it left five times the noise and such a gap."""
     return fit._replace(gap=gap, left=gap, judged=fit.judged._replace(noise_scale=5.0))

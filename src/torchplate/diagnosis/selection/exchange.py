@@ -295,7 +295,10 @@ class Exchange:
         return state
 
     def _fitted_without(self, state: State, naming: Naming, builder: ModelBuilder, hopeless: float = math.inf) -> State:
-        """Fitted without one of its names, from where the rest was.
+        """Fitted without one of its names, from where the rest was, and from where it was beside others in its place.
+
+        Where many of these leave nothing but noise, what they have in common is the rest: that of one whose effect does
+        nothing is where the rest alone ends, while beside the name it may have gone to where it does not do without.
 
         Args:
             state: with it.
@@ -304,8 +307,13 @@ class Exchange:
             hopeless: sum of squares beyond which it need not come to its end.
         """
         without = self._without(state, naming)
+        rest = without.model.as_dict(without.fit.theta)
+        instead = [one.fit for one, _ in naming.again.every] if naming.again and is_noise(state.fit) else []
+        others = [one.model.as_dict(one.theta) for one in instead if one is not state.fit and is_noise(one)]
+        places = [rest, *(rest | one for one in others)]
+        theta = torch.tensor([[one[name] for name in without.model.names] for one in places]).to(state.fit.theta)
         # What an interval was widened for may lie outside of it.
-        start = without.model.space.to_cube(without.fit.theta)[None].clamp(0.0, 1.0)
+        start = without.model.space.to_cube(theta).clamp(0.0, 1.0)
         about = known_section(state.fit)
         beat = NOBODY if math.isinf(hopeless) else self._beat(state.fit)
         found = fit(builder, without.model, start, self.prior, wide=False, hopeless=hopeless, about=about, beat=beat)
