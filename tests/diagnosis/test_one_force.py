@@ -33,10 +33,10 @@ def cord(lines):
     return 2e4 / torch.tan((0.02 - 4e-4j) * (lines + 40.0))
 
 
-def absorber(lines):
-    """The stiffness of a mass of 12 g on a spring and a dashpot, tuned to 130 Hz."""
-    s, mass, damping = 2j * torch.pi * lines, 0.012, 0.5
-    spring = mass * (2 * torch.pi * 130.0) ** 2 + s * damping
+def absorber(lines, mass=0.012, hertz=130.0, damping=0.5):
+    """The stiffness of a mass on a spring and a dashpot: of 12 g, tuned to 130 Hz, unless told otherwise."""
+    s = 2j * torch.pi * lines
+    spring = mass * (2 * torch.pi * hertz) ** 2 + s * damping
     return s**2 * mass * spring / (spring + s**2 * mass)
 
 
@@ -230,7 +230,7 @@ def attached(one: SimpleNamespace, force) -> tuple[State, Ranked] | None:
     selection.begun = State(one.builder.given, one.fit)
     selection.settling.ended = lambda state, _: state
     with torch.no_grad():
-        return selection.attached([Ranked((), ())], force.theta, force.place)
+        return selection.attached([Ranked((), ())], force.theta, force.place, force.law)
 
 
 @pytest.mark.check
@@ -243,6 +243,32 @@ def test_an_absorber_at_the_place_of_a_force_is_named(lab):
     assert own["mass"] == pytest.approx(0.012, rel=0.02)
     assert own["viscous_damping"] == pytest.approx(0.5, rel=0.05)
     assert state.fit.reduced_misfit < SETTINGS.comparison.noise_limit
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(("mass", "hertz", "damping"), [(0.003, 240.0, 0.05), (0.1, 60.0, 0.2)])
+def test_how_a_force_pulls_says_which_absorber_it_is(lab, mass, hertz, damping):
+    one = scene(lab, lambda lines: absorber(lines, mass, hertz, damping), differ=0.0)
+    state, _ = attached(one, found(one))
+    own = state.named[0].hypothesis.own
+    assert own["mass"] == pytest.approx(mass, rel=0.05)
+    assert (own["stiffness"] / own["mass"]) ** 0.5 / (2 * torch.pi) == pytest.approx(hertz, rel=0.01)
+    assert state.fit.reduced_misfit < SETTINGS.comparison.noise_limit
+
+
+@torch.no_grad()
+def test_the_law_of_a_force_is_that_of_what_pulls(lab):
+    """Beside the true plate, y = −D / (1 + D α); and D alone is off by nothing but noise."""
+    one = scene(lab, absorber, differ=0.0)
+    true = one.fit.model.space.low.new_tensor([2.05e11, 1e-2])
+    model = ForcedModel(one.builder, one.fit, {}, one.builder.target.fitted, alike=True)
+    law = model.law(true, torch.tensor(PLACE, dtype=torch.float64))
+    stiffness = absorber(law.laplace.imag / (2 * torch.pi))
+    off = law.off(stiffness)
+    assert off.shape == (2 * len(law.laplace),)
+    assert float(off.square().mean()) == pytest.approx(1.0, abs=0.3)
+    assert float(law.off(1.1 * stiffness).square().mean()) > 3
+    assert float(law.off(0 * stiffness).square().mean()) > 100
 
 
 @pytest.mark.check

@@ -106,7 +106,9 @@ def _attached(selection: ForwardSelection, seen: Trace, force: OneForce) -> Trac
         seen: what it has fitted.
         force: that accounts for everything.
     """
-    found = selection.attached(seen.rankings, force.theta, force.place) if force.alike else None
+    if force.law is None:
+        return None
+    found = selection.attached(seen.rankings, force.theta, force.place, force.law)
     if found is None:
         return None
     state, ranked = found

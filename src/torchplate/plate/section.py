@@ -184,6 +184,20 @@ class Local(NamedTuple):
     viscous: Float[Tensor, "*batch n_term"] | None = None  # [N s/m]
     sprung: Sprung | None = None
 
+    def dynamic_stiffness(
+        self, laplace: Complex[Tensor, "*#batch n_frequency"]
+    ) -> Complex[Tensor, "*batch n_term n_frequency"]:
+        """D(s) = k + sc + s²m of each term, and of what hangs there [N/m]."""
+        s = laplace[..., None, :]
+        parts = [
+            one[..., None] * s**power
+            for power, one in enumerate((self.stiffness, self.viscous, self.mass))
+            if one is not None
+        ]
+        if self.sprung is not None:
+            parts.append(self.sprung.force(laplace))
+        return sum(parts, torch.zeros_like(s))
+
 
 class Proportional(NamedTuple):
     """Damping in proportion to the K and M of the whole model, supports and added masses included.

@@ -5,6 +5,7 @@ than noise, a field.
 
 - `infer`: the steps, from a fitted model to a field and how probable each kind of it is.
 - `one_force`: a force at one place, of whatever law; `forced_model`: a fitted model with one.
+- `law`: what such a force says of what is attached there.
 - `grid`: the nodes of the field: where it sits, how far it spreads, its mirror images.
 - `field_model`: a fitted model with a field in it, and what each value of it does to the FRFs.
 - `descent`: Gauss and Newton's steps, from smoothed spectra to sharp ones.

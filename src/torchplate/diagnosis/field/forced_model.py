@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from torchplate.diagnosis.field.law import Law
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.localisation.misfit import Misfit
 from torchplate.diagnosis.localisation.reach import Reach
@@ -119,6 +120,18 @@ class ForcedModel:
         misfit = Misfit.of(self.target.measurement, self.std, predicted)
         misfit = misfit._replace(residual=self.target.off(predicted, self.about) * misfit.inverse)
         return Reach(misfit, self.target.measurement, self.specimen, theta), predicted
+
+    def law(self, theta: Float[Tensor, " n_own"], place: Float[Tensor, " 2"]) -> Law:
+        """What a force at a place, alike in all hits, says of what is attached there, from all FRFs that fits see.
+
+        Args:
+            theta: the model's own parameters.
+            place: relative.
+        """
+        reach, _ = self.reach(theta)
+        pull, weight = self.at(theta, place[None]).force(self.target.fitted)
+        own = reach.receptance(place[None], place[None])
+        return Law(reach.s, pull.flatten(), weight.flatten(), own.flatten())
 
     def is_linear(self, theta: Float[Tensor, " n_own"], place: Float[Tensor, " 2"]) -> bool:
         """Whether a spring, a dashpot and a mass there do as well: the catalogue has these.

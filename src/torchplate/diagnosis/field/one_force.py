@@ -26,6 +26,7 @@ from torch import Tensor
 from torchplate.diagnosis.field.aside import worth
 from torchplate.diagnosis.field.forced_model import ForcedModel
 from torchplate.diagnosis.field.grid import Grid
+from torchplate.diagnosis.field.law import Law
 from torchplate.diagnosis.judged import Fit
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
@@ -48,6 +49,7 @@ class OneForce(NamedTuple):
         alike: whether its law is the same in all hits.
         size: root mean square of the force over that of the hits [N/N].
         map: part of the misfit that a force at each node of the grid would explain, along x first [-].
+        law: what it says of what is attached there; None where it is not the same in all hits.
     """
 
     model: PlateModel
@@ -60,6 +62,7 @@ class OneForce(NamedTuple):
     alike: bool
     size: float
     map: tuple[float, ...]
+    law: Law | None
 
 
 def one_force(
@@ -145,8 +148,9 @@ def _followed(
     misfit = float(there.off[:, seen].abs().square().sum())
     explained = (1 - model.misfits(theta, nodes) / misfit).clamp(min=0.0)
     size = float((there.force(seen)[0] * there.hit).abs().square().mean().sqrt())
+    law = model.law(theta, place) if model.alike else None
     return OneForce(
-        model.whole, theta, place, _pair(std), others, left, without, model.alike, size, tuple(explained.tolist())
+        model.whole, theta, place, _pair(std), others, left, without, model.alike, size, tuple(explained.tolist()), law
     )
 
 

@@ -15,6 +15,7 @@ from torch.quasirandom import SobolEngine
 
 from torchplate.diagnosis.basins import fit_from_the_box
 from torchplate.diagnosis.candidates.catalogue import channels_of
+from torchplate.diagnosis.field.law import Law
 from torchplate.diagnosis.fit import Beat, fit
 from torchplate.diagnosis.holdout import exchanged, outliers
 from torchplate.diagnosis.judged import Fit, judged_at
@@ -246,7 +247,7 @@ class ForwardSelection:
         return self.settling.last(state, self.begun), rankings
 
     def attached(
-        self, rankings: Sequence[Ranked], theta: Tensor, place: Float[Tensor, " 2"]
+        self, rankings: Sequence[Ranked], theta: Tensor, place: Float[Tensor, " 2"], law: Law
     ) -> tuple[State, Ranked] | None:
         """What the catalogue has for a force at one place, if it leaves nothing but noise as the force does.
 
@@ -254,8 +255,9 @@ class ForwardSelection:
             rankings: beside nothing, and beside what was named then, which counts no more.
             theta: parameters beside the force.
             place: of the force, relative.
+            law: how it pulls there.
         """
-        begun, here = self.begun, Attached(self.builder, self.prior, self.ranking).at(self.begun, theta, place)
+        begun, here = self.begun, Attached(self.builder, self.prior, self.ranking).at(self.begun, theta, place, law)
         if not here or not rankings:
             return None
         ranked = replace(rankings[0], hypotheses=tuple(best_of_each([*here, *rankings[0].hypotheses])))
