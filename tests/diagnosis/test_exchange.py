@@ -232,6 +232,19 @@ def test_a_name_is_taken_out_from_where_others_in_its_place_left_the_rest(lab, s
         assert found.fit.reduced_misfit == pytest.approx(there.reduced_misfit, rel=0.02)
 
 
+@torch.no_grad()
+@pytest.mark.parametrize("wider", [0.0, 0.9, 1.1])
+@pytest.mark.check
+def test_a_name_without_which_the_gap_is_narrower_by_more_than_noise_is_taken_out(lab, wider):
+    two = Two(lab, "sensor_gain")
+    first = two.state.named[0]
+    without = two.exchange._fitted_without(two.state, first, two.builder).fit
+    left = (without.left**2 + wider * two.builder.target.floor**2) ** 0.5 if wider else two.state.fit.left
+    state = replace(two.state, fit=two.state.fit._replace(left=left))
+    found = two.exchange.without_needless(state, two.builder, state.named[:1])
+    assert (found is state) == (wider < 1)
+
+
 def loud(fit, gap):
     """The same fit, as if it left five times the noise and such a gap."""
     return fit._replace(gap=gap, left=gap, judged=fit.judged._replace(noise_scale=5.0))

@@ -283,13 +283,18 @@ class Exchange:
         return self.without_improbable(self._fitted_without(state, worst, builder), builder)
 
     def without_needless(self, state: State, builder: ModelBuilder, doubted: Sequence[Naming]) -> State:
-        """Take out again those of the doubted effects that the other ones made needless."""
+        """Take out again those of the doubted effects that the other ones made needless.
+
+        Where noise is all that is left, so are those without which the gap is narrower by more than noise makes it:
+        what they explain is beside the peaks, and the peaks speak against them.
+        """
         for naming in doubted:
             # What leaves so much without it needs it, wherever it ends.
             limit = builder.target.settings.searching.hopeless * state.fit.square
             without = self._fitted_without(state, naming, builder, limit)
             back = replace(naming.hypothesis, fit=state.fit)
-            if not is_needed(without.fit, back, naming.by_chance):
+            wider = state.fit.left**2 - without.fit.left**2 > builder.target.floor**2
+            if not is_needed(without.fit, back, naming.by_chance) or (wider and is_noise(state.fit)):
                 self.say(f"{naming.hypothesis.name} is no longer needed")
                 return self.without_needless(without, builder, [one for one in doubted if one is not naming])
         return state
