@@ -16,7 +16,7 @@ from torchplate.diagnosis.fit import fit
 from torchplate.diagnosis.judged import Fit, judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.selection import forward, pairs, ranking, settling
-from torchplate.diagnosis.selection.criterion import choose, known_section, remaining
+from torchplate.diagnosis.selection.criterion import choose, is_noise, known_section, remaining
 from torchplate.diagnosis.selection.forward import ForwardSelection
 from torchplate.diagnosis.selection.ranking import Ranking
 from torchplate.diagnosis.selection.screen import Scored
@@ -931,6 +931,21 @@ def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab
     selection.settling.settled(state, True)
     ((found,),) = asked
     assert found is other
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("doubted", [True, False])
+def test_a_doubted_name_that_the_finer_mesh_takes_out_is_out_whatever_that_leaves(lab, monkeypatch, doubted):
+    """Else the coarser mesh, which leaves noise with it, would have the last word."""
+    scene = lab.Scene(hidden={"gain": 1.1})
+    selection = ForwardSelection(scene.builder, {}, lambda _: None)
+    hypothesis = scene.hypothesis("sensor_gain")
+    state = added(scene.state, choose((hypothesis,), scene.fit), Ranked((), (hypothesis,)))
+    assert is_noise(state.fit)
+    assert not is_noise(scene.fit)
+    monkeypatch.setattr(selection.settling, "settled", lambda *_: scene.state)
+    assert selection.settling.ended(state, doubted) is (scene.state if doubted else state)
+    assert selection.steps.explained(state, doubted) is (None if doubted else state)
 
 
 @torch.no_grad()

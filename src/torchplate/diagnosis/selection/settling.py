@@ -36,9 +36,16 @@ class Settling:
         self.settings = builder.target.settings.selecting
 
     def ended(self, state: State, doubted: bool = False) -> State:
-        """The state, settled; as it is, where that leaves noise alone and settling more."""
+        """The state, settled; as it is, where that leaves noise alone and settling more, but for a doubted name.
+
+        Args:
+            state: with everything that was named.
+            doubted: whether what was named last is: where a finer mesh takes it out, it is out.
+        """
         settled = self.settled(state, doubted)
-        if is_explained(settled.fit, self.builder.target) or not is_noise(state.fit):
+        others = {one.hypothesis.label for one in state.named[:-1]}
+        out = doubted and {one.hypothesis.label for one in settled.named} <= others
+        if out or is_explained(settled.fit, self.builder.target) or not is_noise(state.fit):
             return settled
         return state
 
