@@ -243,6 +243,7 @@ def test_a_name_without_which_the_gap_is_narrower_by_more_than_noise_is_taken_ou
     state = replace(two.state, fit=two.state.fit._replace(left=left))
     found = two.exchange.without_needless(state, two.builder, state.named[:1])
     assert (found is state) == (wider < 1)
+    assert two.exchange.left_without["sensor_gain_1"] > two.state.fit.left
 
 
 def loud(fit, gap):

@@ -916,6 +916,13 @@ def test_what_is_doubted_is_asked_again_on_the_finer_mesh_whatever_it_closed(lab
     for doubted in (False, True):
         selection.settling.settled(state, doubted)
     assert asked == [(), (naming,)]
+    # What it was added to had stopped far from where the others alone end.
+    selection.exchange.left_without = {
+        hypothesis.label: 0.9 * selection.settings.small_gap * scene.builder.target.floor
+    }
+    selection.settling.settled(state)
+    assert asked[2:] == [(naming,)]
+    selection.exchange.left_without.clear()
     # A gain of 1 within its standard errors changes nothing.
     fit, asked[:] = state.fit, []
     index = fit.model.names.index("sensor_gain_1.gain")

@@ -42,6 +42,8 @@ class Exchange:
         self.settings = builder.target.settings.selecting
         # What was judged last, which is as it was judged.
         self._last: State | None = None
+        # Of each name that was doubted, by its label, the gap that the others left last without it.
+        self.left_without: dict[str, float] = {}
 
     def judged_again(self, state: State) -> State:
         """The names that are left where each is judged beside the others, if there are several."""
@@ -293,6 +295,7 @@ class Exchange:
             limit = builder.target.settings.searching.hopeless * state.fit.square
             without = self._fitted_without(state, naming, builder, limit)
             back = replace(naming.hypothesis, fit=state.fit)
+            self.left_without[naming.hypothesis.label] = without.fit.left
             wider = state.fit.left**2 - without.fit.left**2 > builder.target.floor**2
             if not is_needed(without.fit, back, naming.by_chance) or (wider and is_noise(state.fit)):
                 self.say(f"{naming.hypothesis.name} is no longer needed")

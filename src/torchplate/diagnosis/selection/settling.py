@@ -73,6 +73,7 @@ class Settling:
 
         Where it leaves little, on a finer mesh; there an effect that closed but a small gap, or is doubted, or ends
         where it changes nothing, has to show again: it may have been the mesh, or a way out for a fit that had stopped.
+        How small a gap is says the least that the others have left without it.
         """
         builder, target = self.builder, self.builder.target
         if not state.named and is_noise(state.fit):
@@ -91,11 +92,13 @@ class Settling:
         if little:
             settled = self.exchange.beside_those_in_doubt(settled, state.fit, builder)
             small = self.settings.small_gap * target.floor
-            last = settled.named[-1] if doubted else None
+            last, without = settled.named[-1] if doubted else None, self.exchange.left_without
             again = tuple(
                 one
                 for one in settled.named
-                if one.before.left < small or one is last or self._is_nothing(one, settled.fit)
+                if min(one.before.left, without.get(one.hypothesis.label, one.before.left)) < small
+                or one is last
+                or self._is_nothing(one, settled.fit)
             )
             settled = self.exchange.without_needless(settled, builder, again)
         return settled
