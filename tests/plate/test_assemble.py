@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from torchplate.plate import Assembly, Geometry, Local, Mesh, Proportional, Section, assemble
+from torchplate.plate import Assembly, Geometry, Local, Mesh, Proportional, Section, Sprung, assemble
 from torchplate.plate.transforms import REMEMBERED
 
 SIDES = (0.7, 0.3)
@@ -309,6 +309,24 @@ def test_local_terms_add_their_row_times_itself() -> None:
     assert bare.hysteretic is None
     torch.testing.assert_close(system.dashpot.expand(2, 1, -1)[0], free[2:], rtol=0, atol=0)
     torch.testing.assert_close(system.viscous, viscous, rtol=0, atol=0)
+
+
+def test_the_dynamic_stiffness_of_terms_is_that_of_their_parts() -> None:
+    rows = MESHES["free"].deflection_at(MESHES["free"].places([8, 13]))
+    mass, stiffness, viscous = (
+        torch.tensor(pair, dtype=torch.float64) for pair in ((0.1, 0.2), (1e3, 2e3), (3.0, 4.0))
+    )
+    s = torch.tensor([0.0, 20j, 300j - 2.0], dtype=torch.complex128)
+    found = Local(rows, mass=mass, stiffness=stiffness, viscous=viscous).dynamic_stiffness(s)
+    expected = stiffness[:, None] + s * viscous[:, None] + s**2 * mass[:, None]
+    torch.testing.assert_close(found, expected, rtol=1e-14, atol=0)
+    # A mass that hangs on a spring and a dashpot: both in a row, and what else is there beside them.
+    hung = Local(rows, stiffness=stiffness, sprung=Sprung(mass, stiffness, viscous)).dynamic_stiffness(s[1:])
+    link = 1 / (stiffness[:, None] + s[1:] * viscous[:, None])
+    torch.testing.assert_close(
+        hung, stiffness[:, None] + 1 / (link + 1 / (s[1:] ** 2 * mass[:, None])), rtol=1e-12, atol=0
+    )
+    assert not bool(Local(rows).dynamic_stiffness(s).any())
 
 
 def test_dashpots_of_several_effects_stand_one_after_the_other() -> None:
