@@ -91,7 +91,9 @@ def test_the_rates_are_those_of_the_tables_that_it_links_to():
     )
 
 
-@pytest.mark.parametrize("table", ["U", "V", "real/Q", "shapes/R", "states/F", "tables/R", "workshop/S", "workshop/T"])
+@pytest.mark.parametrize(
+    "table", ["U", "V", "real/Q", "shapes/R", "shapes/U", "states/F", "tables/R", "workshop/S", "workshop/T"]
+)
 def test_the_map_of_runs_says_which_cases_the_committed_tables_are_of(table):
     head = (ROOT / "runs/blind" / table / "table.md").read_text().splitlines()[0]
     numbers = re.findall(r"\d+", re.match(r"Cases ([\d andto]+),", head)[1])
