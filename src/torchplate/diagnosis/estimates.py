@@ -55,8 +55,10 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
     by the part |z| c, which is largest at the band's end. As much, to the mode that is shortest there, is a step of
     |z| c / (2 k) along the plate, k its wave number: an effect acts with the square of the deflection at its place. A
     mass that moves with the sensor sits at each response in turn. A hole is not quite as large as the one that gives a
-    mesh the modes of the plate, see `Meshes.corner`, and the pieces of a rib end with the elements, see `Meshes.rib`.
-    Of all else nothing is known to be left, which is a zero.
+    mesh the modes of the plate: moments are singular at its corners, so that what is left there falls with the side of
+    an element, whatever is extrapolated, and not with its square (Williams, J. Applied Mechanics 19 (1952) 526); see
+    `Meshes.corner`. The pieces of a rib end with the elements, see `Meshes.rib`. Of all else nothing is known to be
+    left, which is a zero.
 
     Args:
         model: that was fitted.
@@ -74,11 +76,9 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
     wave = bending_wavelength(top, *(float(own.mean()) for own in metal))
     for label, effect in model.effects.items():
         if effect.parameters.keys() == CORNERS:
-            hole = math.prod(abs(float(values[label][f"{axis}1"] - values[label][f"{axis}0"])) for axis in sides)
-            off = SETTINGS.meshes.corner * side**2 / math.sqrt(max(hole, 1e-300) * math.prod(sides.values()))
             for axis, length in sides.items():
                 held = [index[name] for end in "01" if (name := f"{label}.{axis}{end}") in index]
-                left[held] = off / length
+                left[held] = SETTINGS.meshes.corner * side / length
             continue
         if effect.parameters.keys() > CORNERS:
             for name, off in _of_rib(values[label], sides, side, rigidity).items():

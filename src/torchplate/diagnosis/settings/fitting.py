@@ -45,8 +45,8 @@ class Meshes:
             around a line, at the low and at the high end of the band [-].
         give: how much more a place gives on a mesh than on the plate, in squares of an element's side over the rigidity
             [-]: 0.011 amid an element, 0.019 at a node, of plates on simple supports; see the tests.
-        corner: how far off a corner of a hole ends on a mesh whose error is taken off, in squares of an element's side
-            over the hole's [-]: of holes of which other meshes have the sides as their lines; see the tests.
+        corner: how far off a corner of a hole ends on a mesh whose error is taken off, in sides of an element [-]: of
+            holes of which other meshes have the sides as their lines; see the tests.
         rib: how far off a rib ends, along it and across, in sides of an element, and its stiffness and mass, in parts
             of themselves for each EI / (D side) [-]: of ribs of EI 0.1 D √A beside a mesh three times as fine; see the
             tests.
@@ -62,7 +62,7 @@ class Meshes:
     rounding: float = 5e-4
     shape: tuple[float, float] = (4e-4, 1.8e-3)
     give: float = 0.016
-    corner: float = 0.07
+    corner: float = 0.03
     rib: tuple[float, float, float] = (0.045, 0.01, 0.006)
 
 
