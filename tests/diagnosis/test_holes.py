@@ -6,7 +6,7 @@ import torch
 from torchplate.diagnosis import diagnose
 from torchplate.diagnosis.candidates.candidate import Candidate, distance, place_of
 from torchplate.diagnosis.candidates.catalogue import candidates, channels_of
-from torchplate.diagnosis.candidates.trials import as_large, spread_at
+from torchplate.diagnosis.candidates.trials import as_large, holes_all_over, spread_at
 from torchplate.diagnosis.selection.screen import _moved
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT
@@ -75,6 +75,19 @@ def test_at_a_place_holes_of_all_sizes_are_tried():
     assert all(one["x0"] < 0.3 < one["x1"] and one["y0"] < 0.6 < one["y1"] for one in every)
     areas = sorted(map(area, every))
     assert areas[0] < 0.01 < 0.06 < areas[-1]
+
+
+def test_holes_and_notches_of_all_sizes_are_tried_where_frequencies_alone_are_known():
+    every = holes_all_over(128)
+    areas = sorted(map(area, every))
+    assert areas[0] < 0.005 < 0.02 < areas[64] < 0.1
+    # As many places in each quarter of the plate, and some at each edge.
+    for x in (0, 1):
+        for y in (0, 1):
+            there = [one for one in every if (place_of(one)[0] > 0.5) == x and (place_of(one)[1] > 0.5) == y]
+            assert 26 <= len(there) <= 38
+    for end in ({"x0": 0.0}, {"x1": 1.0}, {"y0": 0.0}, {"y1": 1.0}):
+        assert sum(end.items() <= one.items() for one in every) >= 5
 
 
 @pytest.mark.check

@@ -60,6 +60,20 @@ def spread_at(candidate: Candidate, x: float, y: float, count: int) -> list[dict
     ]
 
 
+def holes_all_over(count: int) -> list[dict[str, float]]:
+    """Holes and notches about places all over the plate, as large as patches are and as long as broad or not.
+
+    Of rectangles whose corners lie anywhere few are small.
+
+    Args:
+        count: of members.
+    """
+    sizes = CATALOGUE["stiffness_loss"].parameters["size"].prior
+    assert sizes is not None
+    drawn = SobolEngine(4).draw(count + 1, dtype=torch.float64)[1:].tolist()
+    return [_hole(x, y, *(_scale_free(sizes, None, part) for part in sides)) for x, y, *sides in drawn]
+
+
 def _holes() -> list[Trial]:
     """Rectangles without plate, as large as the patches that are tried; what one changes goes with its area."""
     settings = SETTINGS.trials

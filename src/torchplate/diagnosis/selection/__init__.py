@@ -6,7 +6,7 @@
 - `afar`: their way down where peaks need not overlap; `starts`: where refits begin; `refit`: of one of them;
   `details`: of the best with more numbers and with fewer; `instead`: what may be taken for the best of them;
   `grounded`: whether what is grounded is a support; `near`: how near the best a fit has to come to be followed;
-  `attached`: what the catalogue has at a place that a force has found.
+  `attached`: what the catalogue has at a place that a force has found; `by_frequencies`: what natural frequencies say.
 - `screen`: the score test over all candidates; `products`: its inner products, no change whitened; `null`: what chance
   alone would give in it.
 - `criterion`: by what hypotheses are compared.

@@ -17,6 +17,7 @@ from torchplate.diagnosis.lines import every_nth
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.afar import FromAfar
+from torchplate.diagnosis.selection.by_frequencies import ByFrequencies
 from torchplate.diagnosis.selection.criterion import (
     Hypothesis,
     excessive,
@@ -66,6 +67,7 @@ class Ranking:
         self.settings = builder.target.settings
         self.refits, self.afar = Refits(builder, prior, say), FromAfar(builder, prior)
         self.details = Details(builder, self.refits)
+        self.by_frequencies = ByFrequencies(builder, prior, self.refits)
         self.grounded, self.instead = Grounded(builder, self.refits), Instead(builder, prior, self.refits)
         self._far: set[str] = set()
         self._ways: tuple[tuple[Candidate, Tensor], ...] = ()
@@ -159,6 +161,8 @@ class Ranking:
                 chosen += further
                 promises = promises or widely_scored
         hypotheses += self._refitted(state, chosen, hypotheses, first=next(iter(near), None))
+        limit = self.settings.searching.hopeless * min((one.fit.square for one in hypotheses), default=math.inf)
+        hypotheses += self.by_frequencies.of(state, hypotheses, everyone, limit, self._beat(state, hypotheses))
         hypotheses = best_of_each(hypotheses + self._again(state, hypotheses))
         # Beside noise, effects that are not needed are a check and no more.
         if is_noise(state.fit) and not any(

@@ -76,6 +76,10 @@ class Screening:
             beside it.
         n_draw: of what chance alone makes [-].
         level: part of the draws that chance may exceed [-].
+        moved: how far what is missing moves a natural frequency [-]: few effects that show move one by more than twice
+            that.
+        missed: part of the modes that a test misses [-]: those that have a node at each sensor, or at each hit. As many
+            poles are none.
     """
 
     overlapping: float = 0.5
@@ -94,6 +98,8 @@ class Screening:
     per_mode: int = 6
     n_draw: int = 200
     level: float = 0.01
+    moved: float = 0.05
+    missed: float = 0.1
 
 
 @dataclass(frozen=True)

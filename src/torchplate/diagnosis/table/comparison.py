@@ -199,8 +199,11 @@ class Comparing:
         model = self.plates.with_effects([part.candidate for part in hypothesis.parts], hypothesis.labels)
         column = ordered(hypothesis, model.names, self.plates.model.names)
         extra = _distinct([mode for part in hypothesis.parts for mode in part.modes])
-        problem = self._problem(model, extra, hypothesis)
         starts = hypothesis.starts[:, column]
+        if any(part.candidate.is_hole for part in hypothesis.parts) and elsewhere is None and begun is None:
+            starts, modes = self._about_holes(model, hypothesis, starts)
+            extra = (*extra, *modes)
+        problem = self._problem(model, extra, hypothesis)
         if elsewhere is not None:
             ends = [one.position for one in elsewhere.minima[: self.settings.n_onward]]
             starts = torch.stack([*ends, starts[0]])
@@ -210,6 +213,33 @@ class Comparing:
         self.plates.n_evaluation += len(starts) * self.settings.n_iteration
         alone = self._alone(hypothesis, problem, minima[0])
         return Weighed(hypothesis, model, tuple(minima), together(minima), extra, alone=alone)
+
+    def _about_holes(
+        self, model: PlateModel, hypothesis: Hypothesis, starts: Float[Tensor, "n_start n"]
+    ) -> tuple[Tensor, tuple[Tensor, ...]]:
+        """Where starts lead first, each in the modes of its own plate, the nearest first; and the modes of that.
+
+        At the edge of a hole nothing bends, and no sum of modes of the whole plate does that: in these a hole takes
+        less stiffness off than it should, and ends elsewhere. Two effects begin where each of them has ended.
+
+        Args:
+            model: with the hole.
+            hypothesis: its effects.
+            starts: on the unit cube.
+        """
+        settings, found = self.settings, []
+        if len(hypothesis.parts) > 1:
+            return starts, (self.plates.solved(model, model.space.to_si(starts[0])).shape,)
+        for place in starts:
+            at = place[None]
+            for _ in range(settings.n_anew):
+                modes = self.plates.solved(model, model.space.to_si(at[0])).shape
+                problem = self._problem(model, [modes], hypothesis)
+                best = problem.minima(at, settings.n_first, ())[0]
+                at = best.position[None]
+            found.append((best.chi_square, at, modes))
+        found.sort(key=lambda one: one[0])
+        return torch.cat([one for _, one, _ in found]), tuple(modes for _, _, modes in found[:1])
 
     def _problem(
         self, model: PlateModel, extra: Sequence[Tensor], one: Hypothesis | None, table: TableEvidence | None = None

@@ -15,6 +15,7 @@ from torch.quasirandom import SobolEngine
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.catalogue import candidates
 from torchplate.diagnosis.candidates.channels import Channels
+from torchplate.diagnosis.candidates.trials import holes_all_over
 from torchplate.diagnosis.table.plates import Plates
 from torchplate.diagnosis.table.refit import Minimum, Problem
 from torchplate.diagnosis.table.settings import TableSettings
@@ -130,6 +131,11 @@ def tried(plates: Plates, fitted: Fitted, index: int, candidate: Candidate, sett
         return found
 
     places = detailed(torch.cat([SobolEngine(n).draw(count, dtype=torch.float64)[1:], *_corners(n)]))
+    if candidate.is_hole:
+        holes = [[one[keys[k]] for k in own] for one in holes_all_over(count)]
+        middle = model.space.to_si(model.known.new_full((count, len(keys)), 0.5))
+        middle[:, own] = middle.new_tensor(holes)
+        places = model.space.to_cube(middle)[:, own]
     modes: list[Tensor] = []
     natural = plates.reduced(model)
     if not candidate.has_place:

@@ -1,0 +1,178 @@
+"""Effects fitted to the natural frequencies that were measured, and from there to the FRFs."""
+
+import math
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Complex, Float, Int
+from torch import Tensor
+
+from torchplate.diagnosis.candidates.candidate import Candidate
+from torchplate.diagnosis.candidates.images import images
+from torchplate.diagnosis.fit import Beat
+from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
+from torchplate.diagnosis.problem import Prior, Problem
+from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
+from torchplate.diagnosis.selection.refit import Refits
+from torchplate.diagnosis.selection.screen import new_label, start_of
+from torchplate.diagnosis.selection.starts import nearest
+from torchplate.diagnosis.selection.trace import State
+from torchplate.diagnosis.table import Single, singles
+from torchplate.measurement import NaturalFrequencies
+from torchplate.model import PlateModel
+
+
+class ByFrequencies:
+    """Refits of what the natural frequencies say is missing.
+
+    Sharp peaks that do not overlap do not attract each other, and smoothed FRFs say little of what is small, as a
+    notch. A frequency is drawn to the measured one however far off it is: which is how tests are updated by hand.
+    Where a plate is symmetric they do not tell a place from its mirror images; the FRFs do.
+
+    Args:
+        builder: builds and evaluates the models.
+        prior: what is known of the given model's parameters beforehand.
+        refits: of candidates.
+    """
+
+    def __init__(self, builder: ModelBuilder, prior: Prior, refits: Refits) -> None:
+        self.builder, self.prior, self.refits = builder, prior, refits
+        self.settings = builder.target.settings
+
+    def of(
+        self, state: State, found: Sequence[Hypothesis], everyone: Sequence[Candidate], limit: float, beat: Beat
+    ) -> list[Hypothesis]:
+        """Those that leave at most half of what the frequencies have without them, the nearest first.
+
+        They are not asked where something is named already, where little is left, or something that was fitted leaves
+        little.
+
+        Args:
+            state: without them.
+            found: what was fitted to the FRFs.
+            everyone: the candidates.
+            limit: sum of squares beyond which a fit is not followed to its end.
+            beat: what it has to come near for that.
+        """
+        doubtful, fits = self.settings.selecting.doubtful, [state.fit, *(one.fit for one in found)]
+        if state.named or not state.fit.by_noise or min(one.reduced_misfit for one in fits) <= doubtful:
+            return []
+        table = self.table(state)
+        if table is None:
+            return []
+        much = self.settings.selecting.explains_much
+        every = [one for one in singles(state.model, table, self.prior) if one.left <= much]
+        ended: list[Hypothesis] = []
+        for one in every[: self.settings.selecting.n_best]:
+            candidate = next((each for each in everyone if each.name == one.name), None)
+            if candidate is None or not one.own.keys() <= candidate.searched.keys():
+                continue
+            ended += self._refitted(state, candidate, one, limit, beat)
+            if is_noise(ended[-1].fit):
+                break
+        return ended
+
+    def _refitted(self, state: State, candidate: Candidate, one: Single, limit: float, beat: Beat) -> list[Hypothesis]:
+        """A candidate from where the frequencies have it, or from those of its images that the FRFs are nearest to."""
+        label = new_label(state.model, one.name)
+        whole = with_candidate(state.model, label, candidate)
+        values = state.model.as_dict(state.fit.theta) | one.others
+        theta = state.fit.theta.new_tensor([values[name] for name in state.model.names])
+        start = start_of(whole, theta, state.model, one.own, label)
+        every = torch.cat([start[None], images(whole, start, label)])
+        order = sorted(every, key=lambda place: self._left(state, whole, place))
+        found: list[Hypothesis] = []
+        for place in order[: self.settings.selecting.n_best]:
+            starts = nearest(self.builder, self.prior, whole, place[None], state.fit.about, down=True)
+            found.append(self.refits.refit(state, candidate, label, starts, limit, state.fit.about, beat=beat))
+            if is_noise(found[-1].fit):
+                break
+        return found
+
+    def _left(self, state: State, whole: PlateModel, place: Float[Tensor, " n"]) -> float:
+        """What a member leaves of FRFs that are smoothed a little, in the modes of its own plate."""
+        theta, about = whole.space.to_si(place), state.fit.about
+        reduced = self.builder.reduced(whole, theta[None], about=about)
+        problem = Problem(self.builder, self.builder.target.specimen(reduced, theta, about), self.prior)
+        return float(problem.squares(place[None], self.builder.target.levels - 2))
+
+    def table(self, state: State) -> NaturalFrequencies | None:
+        """The natural frequencies of the measurement, by the numbers of the model's modes; None where too few are.
+
+        Args:
+            state: of which the modes are.
+        """
+        resonances = self.builder.target.noise.resonances
+        if resonances is None:
+            return None
+        measured = sharp(resonances.pole[resonances.resonates])
+        modes = state.fit.reduced.modes(state.fit.theta[None]).frequency[0]
+        # Of a free plate that hangs on nothing the rigid-body modes are at zero, and no test has them.
+        first = int((modes <= 0).sum())
+        screening, (low, high) = self.settings.screening, resonances.band
+        here, number = paired(measured, modes[first:], screening.moved, screening.missed)
+        # A pole beyond the lines is there, but not well known.
+        inside = (measured[here] >= low) & (measured[here] <= high)
+        # With no more frequencies than numbers that they are to tell, any effect explains them.
+        if int(inside.sum()) <= len(state.model.names):
+            return None
+        return NaturalFrequencies(number[inside] + first + 1, measured[here[inside]])
+
+
+def sharp(pole: Complex[Tensor, " n_pole"]) -> Float[Tensor, " n"]:
+    """The natural frequencies of poles, rising, but for those that a fit has made for what is smooth [Hz].
+
+    These are so broad that another of less than half their width lies within it.
+
+    Args:
+        pole: q = f² (1 + iη) [Hz²].
+    """
+    pole = pole[pole.real > 0]
+    frequency = pole.real.sqrt()
+    width = frequency * pole.imag / pole.real
+    away = (frequency[:, None] - frequency).abs()
+    broad = ((away < width[:, None]) & (2 * width < width[:, None])).any(-1)
+    return frequency[~broad].sort().values
+
+
+def paired(
+    measured: Float[Tensor, " n"], modes: Float[Tensor, " n_mode"], moved: float, missed: float
+) -> tuple[Int[Tensor, " k"], Int[Tensor, " k"]]:
+    """Which measured frequencies are which modes, most probably, both in their order.
+
+    Frequencies are off by a normal deviate each, on a logarithmic scale; a test misses some of the modes, as those that
+    have a node at each sensor, and has as many frequencies that are none.
+
+    Args:
+        measured: rising [Hz].
+        modes: of the model, rising [Hz].
+        moved: standard deviation of what a mode is off [-].
+        missed: part of the modes that a test misses [-].
+
+    Returns:
+        Measured frequencies and modes that belong together, both from 0.
+    """
+    n, m, lost = len(measured), len(modes), -2 * math.log(missed)
+    own = ((modes.log()[None] - measured.log()[:, None]) / moved).square().tolist()
+    # Of the first k measured and the first j modes: the least sum, and by which step: a pair, a frequency, a mode.
+    total = [[lost * (k + j) for j in range(m + 1)] for k in range(n + 1)]
+    step = [[(0, 1) if j else (1, 0) for j in range(m + 1)] for _ in range(n + 1)]
+    for k in range(1, n + 1):
+        for j in range(1, m + 1):
+            ways = {
+                (1, 1): total[k - 1][j - 1] + own[k - 1][j - 1],
+                (1, 0): total[k - 1][j] + lost,
+                (0, 1): total[k][j - 1] + lost,
+            }
+            step[k][j] = min(ways, key=lambda one: ways[one])
+            total[k][j] = ways[step[k][j]]
+    # Modes beyond the last that was measured nobody looked for.
+    k, j = n, min(range(m + 1), key=lambda j: total[n][j])
+    pairs = []
+    while k or j:
+        back = step[k][j] if k and j else (int(k > 0), int(k == 0))
+        k, j = k - back[0], j - back[1]
+        if back == (1, 1):
+            pairs.append((k, j))
+    both = torch.tensor(pairs[::-1], dtype=torch.int64).reshape(-1, 2)
+    return both[:, 0], both[:, 1]
