@@ -38,11 +38,12 @@ class ByFrequencies:
     def __init__(self, builder: ModelBuilder, prior: Prior, refits: Refits) -> None:
         self.builder, self.prior, self.refits = builder, prior, refits
         self.settings = builder.target.settings
+        self._last: tuple[PlateModel, NaturalFrequencies, Sequence[Single]] | None = None
 
     def of(
         self, state: State, found: Sequence[Hypothesis], everyone: Sequence[Candidate], limit: float, beat: Beat
     ) -> list[Hypothesis]:
-        """Those that leave at most half of what the frequencies have without them, the nearest first.
+        """Those that leave at most a tenth of what the frequencies have without them, the nearest first.
 
         They are not asked where something is named already, where little is left, or something that was fitted leaves
         little.
@@ -60,8 +61,7 @@ class ByFrequencies:
         table = self.table(state)
         if table is None:
             return []
-        much = self.settings.selecting.explains_much
-        every = [one for one in singles(state.model, table, self.prior) if one.left <= much]
+        every = [one for one in self._fitted(state.model, table) if one.left <= self.settings.selecting.much_less]
         ended: list[Hypothesis] = []
         for one in every[: self.settings.selecting.n_best]:
             candidate = next((each for each in everyone if each.name == one.name), None)
@@ -71,6 +71,13 @@ class ByFrequencies:
             if is_noise(ended[-1].fit):
                 break
         return ended
+
+    def _fitted(self, model: PlateModel, table: NaturalFrequencies) -> Sequence[Single]:
+        """Every effect, fitted to a table; a baseline that ended elsewhere has the same one again."""
+        last = self._last
+        if last is None or last[0] is not model or not torch.equal(last[1].mode, table.mode):
+            last = self._last = model, table, singles(model, table, self.prior)
+        return last[2]
 
     def _refitted(self, state: State, candidate: Candidate, one: Single, limit: float, beat: Beat) -> list[Hypothesis]:
         """A candidate from where the frequencies have it, or from those of its images that the FRFs are nearest to."""

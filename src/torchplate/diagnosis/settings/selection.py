@@ -122,7 +122,9 @@ class Selecting:
         halved: what leaves at most this part of the gap, sharp or where peaks overlap, keeps its name beside an
             inflated error [-]: a convention, for no odds part it from what stands in (docs/real_plates.md).
         shows: what leaves at most this part of the gap shows [-].
-        much_less: a pair that leaves at most this part of what its first effect does is judged again at once [-].
+        much_less: a pair that leaves at most this part of what its first effect does is judged again at once, and an
+            effect that leaves at most this part of what natural frequencies have without it is refitted to FRFs [-]:
+            frequencies are known to a part of what effects that show move them by.
         beside: a second effect is looked for beside the second best too, if that leaves no more than so many times as
             much [-].
         enough: but not once so many members were evaluated [-]: it seldom is worth as long again. Nor is a third effect
