@@ -227,19 +227,18 @@ class Comparing:
             hypothesis: its effects.
             starts: on the unit cube.
         """
-        settings, found = self.settings, []
+        settings, found = self.settings, list[tuple[Minimum, Tensor]]()
         if len(hypothesis.parts) > 1:
             return starts, (self.plates.solved(model, model.space.to_si(starts[0])).shape,)
-        for place in starts:
-            at = place[None]
-            for _ in range(settings.n_anew):
-                modes = self.plates.solved(model, model.space.to_si(at[0])).shape
+        for _ in range(settings.n_anew):
+            found = []
+            for place in starts:
+                modes = self.plates.solved(model, model.space.to_si(place)).shape
                 problem = self._problem(model, [modes], hypothesis)
-                best = problem.minima(at, settings.n_first, ())[0]
-                at = best.position[None]
-            found.append((best.chi_square, at, modes))
-        found.sort(key=lambda one: one[0])
-        return torch.cat([one for _, one, _ in found]), tuple(modes for _, _, modes in found[:1])
+                found.append((problem.minima(place[None], settings.n_first, ())[0], modes))
+            found.sort(key=lambda one: one[0].chi_square)
+            starts = torch.stack([one.position for one, _ in found[: settings.n_onward]])
+        return starts, (found[0][1],)
 
     def _problem(
         self, model: PlateModel, extra: Sequence[Tensor], one: Hypothesis | None, table: TableEvidence | None = None

@@ -43,7 +43,8 @@ class TableSettings:
         hopeless: a refit whose best start leaves so many times the least χ² after these is not followed to its end: ten
             times that of one frequency's is a likelihood lower by a factor of e^18 and more [-].
         n_first: iterations of all starts, and of the last refit.
-        n_anew: times that each start of a hole goes so far, each in the modes of the plate that it was [-].
+        n_anew: times that starts of a hole go so far, each in the modes of the plate that it was; after the first the
+            nearest that go on [-].
         n_onward: starts that go on from there.
         n_iteration: of those.
         near: minima up to so much above the best, in −2 ln Z, are refitted in the end [-].
