@@ -99,3 +99,10 @@ def test_the_map_of_runs_says_which_cases_the_committed_tables_are_of(table):
     numbers = re.findall(r"\d+", re.match(r"Cases ([\d andto]+),", head)[1])
     which = rf"{numbers[0]} to {numbers[-1]} of (set )?{Path(table).name}\s"
     assert re.search(which, (ROOT / "runs/README.md").read_text())
+
+
+@pytest.mark.parametrize("table", ["V/74_to_89.md", "workshop/T/59_to_87.md"])
+def test_later_cases_of_a_set_lie_beside_its_table(table):
+    name = Path(table).stem.replace("_", " ")
+    assert (ROOT / "runs/blind" / table).read_text().startswith(f"Cases {name}, ")
+    assert f"{name} of {Path(table).parent.name} (`{table}`)" in " ".join((ROOT / "runs/README.md").read_text().split())
