@@ -227,18 +227,18 @@ class Comparing:
             hypothesis: its effects.
             starts: on the unit cube.
         """
-        settings, found = self.settings, list[tuple[Minimum, Tensor]]()
+        settings, found = self.settings, list[tuple[float, Tensor, Tensor]]()
         if len(hypothesis.parts) > 1:
             return starts, (self.plates.solved(model, model.space.to_si(starts[0])).shape,)
         for _ in range(settings.n_anew):
             found = []
             for place in starts:
                 modes = self.plates.solved(model, model.space.to_si(place)).shape
-                problem = self._problem(model, [modes], hypothesis)
-                found.append((problem.minima(place[None], settings.n_first, ())[0], modes))
-            found.sort(key=lambda one: one[0].chi_square)
-            starts = torch.stack([one.position for one, _ in found[: settings.n_onward]])
-        return starts, (found[0][1],)
+                position, left = self._problem(model, [modes], hypothesis).followed(place[None], settings.n_first)
+                found.append((float(left.nan_to_num(nan=math.inf)), position[0], modes))
+            found.sort(key=lambda one: one[0])
+            starts = torch.stack([position for _, position, _ in found[: settings.n_onward]])
+        return starts, (found[0][2],)
 
     def _problem(
         self, model: PlateModel, extra: Sequence[Tensor], one: Hypothesis | None, table: TableEvidence | None = None

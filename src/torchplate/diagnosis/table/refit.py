@@ -130,15 +130,7 @@ class Problem:
             return [self.minimum(starts[0], turns)]
         weight = 1.0
         for _ in range(2 if self.known else 1):
-
-            def residual(position: Tensor, weight: float = weight) -> Tensor:
-                off = self.evidence.residual(self.natural.frequency(position))
-                return torch.cat([off, weight * self.deviations(position)], dim=-1)
-
-            def jacobian(position: Tensor, weight: float = weight) -> Tensor:
-                slope = self.natural.slope(position) / self.evidence.std[:, None]
-                return torch.cat([slope, weight * self.known_slope(position)], dim=-2)
-
+            residual, jacobian = self._functions(weight)
             if len(starts) > 1 and n_iteration is None:
                 # What is far above the best after a few steps is seldom worth more.
                 found = _descended(residual, jacobian, starts, settings.n_first)
@@ -170,6 +162,31 @@ class Problem:
                 if one.peak < kept[0].peak + settings.far and not any(self._same(end, one.position) for end in kept):
                     kept.append(one)
         return sorted(kept, key=lambda one: one.evidence)
+
+    def followed(
+        self, starts: Float[Tensor, "n_start n"], n_iteration: int
+    ) -> tuple[Float[Tensor, "n_start n"], Float[Tensor, " n_start"]]:
+        """Where starts lead in so many iterations, and χ² there.
+
+        Args:
+            starts: on the unit cube.
+            n_iteration: of each.
+        """
+        found = _descended(*self._functions(1.0), starts, n_iteration)
+        return found.position, found.residual[:, : self.evidence.n].square().sum(-1)
+
+    def _functions(self, weight: float) -> tuple[Residual, Residual]:
+        """Residuals and their Jacobian, what is known beforehand weighed by so much."""
+
+        def residual(position: Tensor) -> Tensor:
+            off = self.evidence.residual(self.natural.frequency(position))
+            return torch.cat([off, weight * self.deviations(position)], dim=-1)
+
+        def jacobian(position: Tensor) -> Tensor:
+            slope = self.natural.slope(position) / self.evidence.std[:, None]
+            return torch.cat([slope, weight * self.known_slope(position)], dim=-2)
+
+        return residual, jacobian
 
     def _nearly_alike(self, one: Minimum) -> Float[Tensor, "n_image n"]:
         """Mirror images of a minimum that are not the same plate, and not far above it."""
