@@ -64,7 +64,7 @@ def plate(searched=None, cells=(8, 6, 1), cut=()):
 @pytest.mark.check
 @torch.no_grad()
 def test_a_notch_in_a_table_ends_where_it_is():
-    """In the modes of the whole plate, which bend at its edge, it left a seventh of χ², elsewhere."""
+    """In the modes of the whole plate, which bend at its edge, it ends elsewhere."""
     fine = extrapolate(plate(cells=(40, 30, 1), cut=(NOTCH,)), 700.0).model
     frequency = SparseModel(fine, NOTHING).modes(17).frequency[3:17]
     table = NaturalFrequencies(torch.arange(4, 18), frequency, 5e-4 * frequency)
