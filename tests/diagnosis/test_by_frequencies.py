@@ -9,7 +9,7 @@ from torchplate.diagnosis.fit import NOBODY
 from torchplate.diagnosis.holdout import held_out
 from torchplate.diagnosis.selection.by_frequencies import paired, sharp
 from torchplate.diagnosis.selection.forward import ForwardSelection
-from torchplate.diagnosis.table import singles
+from torchplate.diagnosis.table import Asked
 from torchplate.diagnosis.target import FrfTarget
 from torchplate.effects import CATALOGUE
 from torchplate.measurement import PERFECT, NaturalFrequencies, noise_level
@@ -68,15 +68,24 @@ def test_a_notch_in_a_table_ends_where_it_is():
     fine = extrapolate(plate(cells=(40, 30, 1), cut=(NOTCH,)), 700.0).model
     frequency = SparseModel(fine, NOTHING).modes(17).frequency[3:17]
     table = NaturalFrequencies(torch.arange(4, 18), frequency, 5e-4 * frequency)
-    best = singles(plate(searched={"plate.youngs_modulus": Searched(5e10, 9e10)}), table, {})[0]
-    assert best.name == "cut_out"
+    best = Asked(plate(searched={"plate.youngs_modulus": Searched(5e10, 9e10)}), table, {}).singles[0]
+    assert best.names == ("cut_out",)
     assert best.left < 1e-3
     # Frequencies do not tell it from its mirror images.
-    ends = {axis: sorted((best.own[f"{axis}0"], best.own[f"{axis}1"])) for axis in "xy"}
+    ends = {axis: sorted((best.own[0][f"{axis}0"], best.own[0][f"{axis}1"])) for axis in "xy"}
     for axis, true in (("x", NOTCH[::2]), ("y", NOTCH[1::2])):
         mirrored = [1 - one for one in reversed(ends[axis])]
         assert min(math.dist(one, true) for one in (ends[axis], mirrored)) < 0.005
     assert best.others["plate.youngs_modulus"] == pytest.approx(7e10, rel=2e-3)
+
+
+def beside(lab, exact, line):
+    """Forward selection beside FRFs with noise, and its baseline."""
+    box = {"plate.youngs_modulus": Searched(5e10, 9e10), "loss.stiffness_loss_factor": Searched(1e-4, 5e-2, True)}
+    frfs = lab.measured(line, exact + lab.noise_of(lab.true_std(exact, 0.003, "mixed"), 3), RESPONSE, REFERENCE)
+    target = FrfTarget(frfs, noise_level(frfs, None), held_out(frfs.measured, 0), False, PERFECT)
+    forward = ForwardSelection.of(plate(searched=box), target, {}, lambda _: None)
+    return forward, forward.baseline()
 
 
 @pytest.mark.check
@@ -85,12 +94,8 @@ def test_a_notch_is_found_by_them_and_its_mirror_image_by_the_frfs(lab):
     line = torch.arange(20.0, 700.0, 2.0, dtype=torch.float64)
     fine = reduce(extrapolate(plate(cells=(40, 30, 1), cut=(NOTCH,)), 700.0).model, line)
     assert fine is not None
-    exact = fine[0].frf(NOTHING, line)
-    frfs = lab.measured(line, exact + lab.noise_of(lab.true_std(exact, 0.003, "mixed"), 3), RESPONSE, REFERENCE)
-    target = FrfTarget(frfs, noise_level(frfs, None), held_out(frfs.measured, 0), False, PERFECT)
-    box = {"plate.youngs_modulus": Searched(5e10, 9e10), "loss.stiffness_loss_factor": Searched(1e-4, 5e-2, True)}
-    forward = ForwardSelection.of(plate(searched=box), target, {}, lambda _: None)
-    state, asked = forward.baseline(), forward.ranking.by_frequencies
+    forward, state = beside(lab, fine[0].frf(NOTHING, line), line)
+    asked = forward.ranking.by_frequencies
     _, everyone = forward.ranking.catalogue_beside(state)
     assert state.fit.reduced_misfit > 100
     best = min(asked.of(state, [], everyone, math.inf, NOBODY), key=lambda one: one.fit.cost)
@@ -101,3 +106,33 @@ def test_a_notch_is_found_by_them_and_its_mirror_image_by_the_frfs(lab):
     # Where something leaves little, nobody asks them.
     assert best.fit.reduced_misfit < 12
     assert asked.of(state, [best], everyone, math.inf, NOBODY) == []
+
+
+@pytest.mark.check
+@torch.no_grad()
+def test_two_effects_are_found_where_neither_alone_leaves_little(lab):
+    """Beside a Poisson's ratio that is wrong no peak is where a mass moves it, and the other way round."""
+    line = torch.arange(20.0, 600.0, 0.5, dtype=torch.float64)
+    numbers = {f"plate.{name}": value for name, value in (NUMBERS | {"poisson_ratio": 0.22}).items()}
+    numbers |= {"loss.stiffness_loss_factor": 5e-3, "mass.x": 0.95, "mass.y": 0.55, "mass.mass": 0.08}
+    true = extrapolate(plate(cells=(24, 18, 1)), 700.0).model
+    true = true.replaced(effects=true.effects | {"mass": CATALOGUE["point_mass"]()}, known=numbers)
+    forward, state = beside(lab, true.frf(NOTHING, line), line)
+    asked = forward.ranking.by_frequencies
+    _, everyone = forward.ranking.catalogue_beside(state)
+    assert state.fit.reduced_misfit > 100
+    table = Asked(state.model, asked.table(state), {})
+    assert table.pairs[0].left < 0.01 < 0.1 < table.singles[0].left
+    both = asked.both(state, [], everyone)
+    assert {both.first.name, both.second.name} == {"point_mass", "poisson_ratio"}
+    assert both.second.fit.reduced_misfit < 1.5
+    # The first as it is beside the second, which it lacks.
+    assert both.first.own == {
+        key: both.second.fit.model.as_dict(both.second.fit.theta)[f"{both.first.label}.{key}"] for key in both.first.own
+    }
+    assert both.first.fit.reduced_misfit > 100
+    found = both.first.own | both.second.own
+    assert (found["x"], found["y"]) == pytest.approx((0.95, 0.55), abs=0.01)
+    assert (found["mass"], found["value"]) == pytest.approx((0.08, 0.22), rel=0.03)
+    # Where one that was fitted leaves as little, two are not asked for.
+    assert asked.both(state, [both.second], everyone) is None

@@ -11,17 +11,19 @@ from torch import Tensor
 from torchplate.model import PlateModel
 
 
-def images(model: PlateModel, place: Float[Tensor, " n"], label: str) -> Float[Tensor, "n_image n"]:
-    """One effect of a model mirrored in every way, across the diagonal of a square too; itself left out.
+def images(model: PlateModel, place: Float[Tensor, " n"], *labels: str) -> Float[Tensor, "n_image n"]:
+    """Effects of a model mirrored together in every way, across the diagonal of a square too; themselves left out.
 
     Args:
         model: whose searched parameters these are.
         place: of these, on the unit cube.
-        label: of the effect; one that sits nowhere has no images.
+        labels: of the effects; those that sit nowhere have no images.
     """
-    names = {name.rpartition(".")[2]: k for k, name in enumerate(model.names) if name.rpartition(".")[0] == label}
-    along = [names[key] for key in ("x", "x0", "x1") if key in names]
-    across = [names[key] for key in ("y", "y0", "y1") if key in names]
+    names = {name: k for k, name in enumerate(model.names)}
+    along, across = (
+        [names[name] for label in labels for key in keys if (name := f"{label}.{key}") in names]
+        for keys in (("x", "x0", "x1"), ("y", "y0", "y1"))
+    )
     if not along or len(along) != len(across):
         return place.new_zeros(0, len(place))
     theta = model.space.to_si(place)

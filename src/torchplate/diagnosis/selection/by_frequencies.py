@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Complex, Float, Int
@@ -10,6 +11,7 @@ from torch import Tensor
 from torchplate.diagnosis.candidates.candidate import Candidate
 from torchplate.diagnosis.candidates.images import images
 from torchplate.diagnosis.fit import Beat
+from torchplate.diagnosis.judged import settled
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior, Problem
 from torchplate.diagnosis.selection.criterion import Hypothesis, is_noise
@@ -17,9 +19,21 @@ from torchplate.diagnosis.selection.refit import Refits
 from torchplate.diagnosis.selection.screen import new_label, start_of
 from torchplate.diagnosis.selection.starts import nearest
 from torchplate.diagnosis.selection.trace import State
-from torchplate.diagnosis.table import Single, singles
+from torchplate.diagnosis.table import Asked, Told
 from torchplate.measurement import NaturalFrequencies
 from torchplate.model import PlateModel
+
+
+class Both(NamedTuple):
+    """Two effects, fitted to FRFs from where natural frequencies have them.
+
+    Attributes:
+        first: of them, as it is beside the other, which lacks.
+        second: beside the first.
+    """
+
+    first: Hypothesis
+    second: Hypothesis
 
 
 class ByFrequencies:
@@ -38,7 +52,7 @@ class ByFrequencies:
     def __init__(self, builder: ModelBuilder, prior: Prior, refits: Refits) -> None:
         self.builder, self.prior, self.refits = builder, prior, refits
         self.settings = builder.target.settings
-        self._last: tuple[PlateModel, NaturalFrequencies, Sequence[Single]] | None = None
+        self._last: Asked | None = None
 
     def of(
         self, state: State, found: Sequence[Hypothesis], everyone: Sequence[Candidate], limit: float, beat: Beat
@@ -55,46 +69,97 @@ class ByFrequencies:
             limit: sum of squares beyond which a fit is not followed to its end.
             beat: what it has to come near for that.
         """
-        doubtful, fits = self.settings.selecting.doubtful, [state.fit, *(one.fit for one in found)]
-        if state.named or not state.fit.by_noise or min(one.reduced_misfit for one in fits) <= doubtful:
+        if (asked := self._asked(state, found)) is None:
             return []
-        table = self.table(state)
-        if table is None:
-            return []
-        every = [one for one in self._fitted(state.model, table) if one.left <= self.settings.selecting.much_less]
+        every = [one for one in asked.singles if one.left <= self.settings.selecting.much_less]
         ended: list[Hypothesis] = []
         for one in every[: self.settings.selecting.n_best]:
-            candidate = next((each for each in everyone if each.name == one.name), None)
-            if candidate is None or not one.own.keys() <= candidate.searched.keys():
+            if not (chosen := _chosen(one, everyone)):
                 continue
-            ended += self._refitted(state, candidate, one, limit, beat)
-            if is_noise(ended[-1].fit):
-                break
+            (candidate,), (own,) = chosen, one.own
+            label = new_label(state.model, candidate.name)
+            whole = with_candidate(state.model, label, candidate)
+            start = start_of(whole, self._others(state, one), state.model, own, label)
+            for place in self._images(state, whole, start, label)[: self.settings.selecting.n_best]:
+                starts = nearest(self.builder, self.prior, whole, place[None], state.fit.about, down=True)
+                ended.append(self.refits.refit(state, candidate, label, starts, limit, state.fit.about, beat=beat))
+                if is_noise(ended[-1].fit):
+                    return ended
         return ended
 
-    def _fitted(self, model: PlateModel, table: NaturalFrequencies) -> Sequence[Single]:
-        """Every effect, fitted to a table; a baseline that ended elsewhere has the same one again."""
-        last = self._last
-        if last is None or last[0] is not model or not torch.equal(last[1].mode, table.mode):
-            last = self._last = model, table, singles(model, table, self.prior)
-        return last[2]
+    def both(self, state: State, found: Sequence[Hypothesis], everyone: Sequence[Candidate]) -> Both | None:
+        """Two effects that frequencies have together, if of these and of FRFs they leave far less than any alone.
 
-    def _refitted(self, state: State, candidate: Candidate, one: Single, limit: float, beat: Beat) -> list[Hypothesis]:
-        """A candidate from where the frequencies have it, or from those of its images that the FRFs are nearest to."""
-        label = new_label(state.model, one.name)
-        whole = with_candidate(state.model, label, candidate)
+        Args:
+            state: without them.
+            found: what was fitted to the FRFs.
+            everyone: the candidates.
+        """
+        if (asked := self._asked(state, found)) is None or not asked.singles:
+            return None
+        settings = self.settings.selecting
+        alone = min(one.evidence for one in asked.singles)
+        pairs = [one for one in asked.pairs if one.left <= settings.much_less and one.evidence < alone]
+        most = settings.explains_much * min(fit.square for fit in (state.fit, *(one.fit for one in found)))
+        ended: list[Both] = []
+        for one in pairs[: settings.n_best]:
+            if chosen := _chosen(one, everyone):
+                ended.append(self._both(state, one, chosen))
+                if is_noise(ended[-1].second.fit):
+                    break
+        best = min(ended, key=lambda both: both.second.fit.square, default=None)
+        return best if best is not None and best.second.fit.square <= most else None
+
+    def _both(self, state: State, one: Told, chosen: Sequence[Candidate]) -> Both:
+        """Two effects from where frequencies have them, or from those of their images that FRFs are nearest to."""
+        (first, second), (own, further) = chosen, one.own
+        label = new_label(state.model, first.name)
+        model = with_candidate(state.model, label, first)
+        theta = model.space.to_si(start_of(model, self._others(state, one), state.model, own, label))
+        beside = new_label(model, second.name)
+        whole = with_candidate(model, beside, second)
+        start = start_of(whole, theta, model, further, beside)
+        place = self._images(state, whole, start, label, beside)[0]
+        alone = State(model, state.fit._replace(model=model, theta=theta))
+        starts = nearest(self.builder, self.prior, whole, place[None], state.fit.about, down=True)
+        ended = self.refits.refit(alone, second, beside, starts, about=state.fit.about)
+        return Both(self._as_it_is(state, first, label, model, ended), ended)
+
+    def _as_it_is(self, state: State, first: Candidate, label: str, model: PlateModel, ended: Hypothesis) -> Hypothesis:
+        """The first of two where both have ended, judged without the second."""
+        theta, about = ended.beside(model), state.fit.about
+        corrected = self.builder.corrected(model, theta).model
+        plain = self.builder.reduced(corrected, theta[None], about=about)
+        position = model.space.to_cube(theta).clamp(0.0, 1.0)
+        fit = settled(self.builder, corrected, plain, self.prior, position, about, fitted_on=False)
+        return Hypothesis(first, label, fit, n_option=self.refits.n_option.get(first.cause, 1))
+
+    def _asked(self, state: State, found: Sequence[Hypothesis]) -> Asked | None:
+        """The frequencies, where nothing is named and what was fitted leaves far more than noise; None elsewhere.
+
+        A baseline that ended elsewhere has the same ones again.
+        """
+        doubtful, fits = self.settings.selecting.doubtful, [state.fit, *(one.fit for one in found)]
+        if state.named or not state.fit.by_noise or min(one.reduced_misfit for one in fits) <= doubtful:
+            return None
+        if (table := self.table(state)) is None:
+            return None
+        last = self._last
+        if last is None or last.model is not state.model or not torch.equal(last.table.mode, table.mode):
+            last = self._last = Asked(state.model, table, self.prior)
+        return last
+
+    def _others(self, state: State, one: Told) -> Float[Tensor, " n"]:
+        """The model's own numbers, those that frequencies can see as they have them."""
         values = state.model.as_dict(state.fit.theta) | one.others
-        theta = state.fit.theta.new_tensor([values[name] for name in state.model.names])
-        start = start_of(whole, theta, state.model, one.own, label)
-        every = torch.cat([start[None], images(whole, start, label)])
-        order = sorted(every, key=lambda place: self._left(state, whole, place))
-        found: list[Hypothesis] = []
-        for place in order[: self.settings.selecting.n_best]:
-            starts = nearest(self.builder, self.prior, whole, place[None], state.fit.about, down=True)
-            found.append(self.refits.refit(state, candidate, label, starts, limit, state.fit.about, beat=beat))
-            if is_noise(found[-1].fit):
-                break
-        return found
+        return state.fit.theta.new_tensor([values[name] for name in state.model.names])
+
+    def _images(
+        self, state: State, whole: PlateModel, start: Float[Tensor, " n"], *labels: str
+    ) -> list[Float[Tensor, " n"]]:
+        """A place and its mirror images, those first that FRFs are nearest to."""
+        every = torch.cat([start[None], images(whole, start, *labels)])
+        return sorted(every, key=lambda place: self._left(state, whole, place))
 
     def _left(self, state: State, whole: PlateModel, place: Float[Tensor, " n"]) -> float:
         """What a member leaves of FRFs that are smoothed a little, in the modes of its own plate."""
@@ -124,6 +189,15 @@ class ByFrequencies:
         if int(inside.sum()) <= len(state.model.names):
             return None
         return NaturalFrequencies(number[inside] + first + 1, measured[here[inside]])
+
+
+def _chosen(told: Told, everyone: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates of effects that frequencies were fitted with; none, where one of them has other numbers."""
+    found = [next((one for one in everyone if one.name == name), None) for name in told.names]
+    pairs = zip(found, told.own, strict=True)
+    if not all(one is not None and own.keys() <= one.searched.keys() for one, own in pairs):
+        return []
+    return [one for one in found if one is not None]
 
 
 def sharp(pole: Complex[Tensor, " n_pole"]) -> Float[Tensor, " n"]:

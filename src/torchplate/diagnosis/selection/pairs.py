@@ -7,9 +7,11 @@ from dataclasses import replace
 from torchplate.diagnosis.judged import judged_at
 from torchplate.diagnosis.model_builder import ModelBuilder
 from torchplate.diagnosis.problem import Prior
+from torchplate.diagnosis.selection.by_frequencies import Both
 from torchplate.diagnosis.selection.criterion import Hypothesis, choose, evidence, is_needed, is_noise, weight_of
 from torchplate.diagnosis.selection.exchange import Exchange
 from torchplate.diagnosis.selection.screen import twins
+from torchplate.diagnosis.selection.shortlist import best_of_each
 from torchplate.diagnosis.selection.steps import Steps, added, judged
 from torchplate.diagnosis.selection.trace import Ranked, State
 from torchplate.diagnosis.selection.worth import explains_some
@@ -43,9 +45,11 @@ class Pairs:
         settings = self.settings
         ordered = sorted(ranked.hypotheses, key=lambda one: one.cost)
         most = settings.beside * ordered[0].fit.reduced_misfit
-        beam: list[State] = []
+        both = self.steps.ranking.both(state, ranked)
+        told = None if both is None else self._with_the_first(state, ranked, both)
+        beam: list[State] = [] if told is None else [told]
         if explains_some(state.fit, single.named[-1].hypothesis, settings):
-            beam = [*self._where_smoothed(single, ranked), single]
+            beam += [*self._where_smoothed(single, ranked), single]
         for other in ordered[1:]:
             if len(beam) >= settings.n_best or other.fit.reduced_misfit > most:
                 break
@@ -60,6 +64,11 @@ class Pairs:
             names = " + ".join(one.hypothesis.name for one in start.named)
             self.say(f"{names} leaves {start.fit.reduced_misfit:.3g}: looking for what else is missing")
             needed = self.steps.needed(start, rankings)
+            if both is not None and start is told:
+                rankings[-1] = replace(
+                    rankings[-1], hypotheses=tuple(best_of_each([*rankings[-1].hypotheses, both.second]))
+                )
+                needed = judged(start, rankings[-1])
             if needed is not None and start.model is single.model and single.fit.cost < start.fit.cost:
                 # Smoothed FRFs had taken it there, which is no end of it: what a second is worth shows beside its end.
                 start, needed = single, judged(single, needed[1])
@@ -75,6 +84,12 @@ class Pairs:
                 if (settled := self.steps.explained(found)) is not None:
                     return best, settled
         return best, None
+
+    @staticmethod
+    def _with_the_first(state: State, ranked: Ranked, both: Both) -> State:
+        """The model with the first of two effects that natural frequencies have together, where it is beside both."""
+        ranked = replace(ranked, hypotheses=(*ranked.hypotheses, both.first))
+        return added(state, choose(ranked.hypotheses, state.fit, both.first), ranked)
 
     def _where_smoothed(self, single: State, ranked: Ranked) -> list[State]:
         """The model with its last effect where smoothed FRFs had taken it, if far more than noise is left of it.

@@ -17,7 +17,7 @@ from torchplate.diagnosis.lines import every_nth
 from torchplate.diagnosis.model_builder import ModelBuilder, with_candidate
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.selection.afar import FromAfar
-from torchplate.diagnosis.selection.by_frequencies import ByFrequencies
+from torchplate.diagnosis.selection.by_frequencies import Both, ByFrequencies
 from torchplate.diagnosis.selection.criterion import (
     Hypothesis,
     excessive,
@@ -208,6 +208,16 @@ class Ranking:
             # Of what was far off next to nothing is left, which smoothed FRFs would not show.
             return True
         return any(is_noise(one.fit) for one in hypotheses)
+
+    def both(self, state: State, ranked: Ranked) -> Both | None:
+        """Two effects that natural frequencies have together, where no one that was refitted leaves little.
+
+        Args:
+            state: without them.
+            ranked: the catalogue beside it.
+        """
+        _, everyone = self.catalogue_beside(state)
+        return self.by_frequencies.both(state, ranked.hypotheses, everyone)
 
     def from_there(self, state: State, best: Hypothesis, others: Sequence[Hypothesis], before: Fit) -> list[Hypothesis]:
         """A hypothesis with what came near it, fitted again from where that has been taken since.

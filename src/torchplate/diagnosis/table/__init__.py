@@ -10,10 +10,10 @@
 - `posterior`: probabilities of hypotheses, of effects, of parameters; `null`: what chance alone would take.
 - `found`: what all this has come to; `summary`: what is said of it; `naming`: of an effect that is named; `remarks`: of
   what is missing still.
-- `singles`: each effect alone, where it is FRFs that are diagnosed.
+- `asked`: what a table says of each effect and of pairs, where it is FRFs that are diagnosed.
 """
 
+from torchplate.diagnosis.table.asked import Asked, Told
 from torchplate.diagnosis.table.flow import FittedTable, diagnose_table, fitted_table
-from torchplate.diagnosis.table.singles import Single, singles
 
-__all__ = ["FittedTable", "Single", "diagnose_table", "fitted_table", "singles"]
+__all__ = ["Asked", "FittedTable", "Told", "diagnose_table", "fitted_table"]
