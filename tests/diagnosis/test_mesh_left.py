@@ -1,5 +1,6 @@
 """What is taken for granted of a mesh's error, against exact solutions."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -318,6 +319,53 @@ def test_corners_of_a_hole_end_as_far_off_as_is_taken_for_granted():
     for every in off.values():
         # 0.031 and 0.019 sides of an element: no narrower than that by much, and no wonder in size.
         assert 0.5 < torch.tensor(every).square().mean().sqrt() / SETTINGS.meshes.corner < 1.3
+
+
+def test_a_patch_that_loses_is_off_by_a_part_of_an_element_and_of_its_loss():
+    place, size, ratio = SETTINGS.meshes.lossy
+    patch = {"size": 0.2, "loss_factor": 0.4, "aspect": 1.5, **AT}
+    found = left("damping_patch", **patch)
+    assert found["own.x"] == found["own.y"] == pytest.approx(0.4 * place / 24)
+    assert found["own.size"] == pytest.approx(0.4 * size / 24)
+    # What all of it loses is right.
+    assert found["own.loss_factor"] / 0.4 == pytest.approx(2 * found["own.size"] / 0.2)
+    assert found["own.aspect"] / 1.5 == pytest.approx(0.4 * ratio / 24 / 0.2)
+    assert left("damping_patch", **patch | {"loss_factor": 0.1})["own.size"] == pytest.approx(0.1 * size / 24)
+    assert not any(left("stiffness_loss", size=0.2, factor=0.5, **AT).values())
+
+
+OF_PATCH = ("x", "y", "size", "loss_factor", "aspect")
+
+
+def as_patch(corners: tuple[float, ...], loss: float) -> dict[str, float]:
+    """A rectangle of the plate of `seen_with` as a patch that loses."""
+    x0, y0, x1, y1 = corners
+    numbers = ((x0 + x1) / 2, (y0 + y1) / 2, math.sqrt((x1 - x0) * (y1 - y0)), loss, (x1 - x0) / (0.8 * (y1 - y0)))
+    return dict(zip(OF_PATCH, numbers, strict=True))
+
+
+@pytest.mark.check
+def test_a_patch_that_loses_ends_as_far_off_as_is_taken_for_granted():
+    """To first order, beside a modulus, where the FRFs of a mesh whose lines are the sides of the patch are fitted."""
+    places, sizes, losses, shapes = [], [], [], []
+    middle, root, ratio = SETTINGS.meshes.lossy
+    for (loss, n), corners in itertools.product(((0.4, 16), (0.1, 29)), HOLES):
+        patch, step = as_patch(corners, loss), 1e-4
+        seen, base = (seen_with(count, 2e11, "damping_patch", patch) for count in (48, n))
+        level = torch.view_as_complex(seen.unflatten(0, (-1, 2))).abs()
+        weight = (1 / (level + 0.05 * level.mean())).repeat_interleave(2)
+        moved = [patch | {key: value + step} for key, value in patch.items()]
+        tangent = [(seen_with(n, 2e11, "damping_patch", one) - base) / step for one in moved]
+        tangent.append((seen_with(n, 2.002e11, "damping_patch", patch) - base) / 1e-3)
+        solved = torch.linalg.lstsq(weight[:, None] * torch.stack(tangent, 1), (weight * (seen - base))[:, None])
+        off = dict(zip(OF_PATCH, solved.solution[:, 0].tolist(), strict=False))
+        part = loss / n / patch["size"]
+        places += [off[axis] * n / loss / middle for axis in "xy"]
+        sizes.append(off["size"] * n / loss / root)
+        losses.append(off["loss_factor"] / loss / (2 * root * part))
+        shapes.append(off["aspect"] / patch["aspect"] / (ratio * part))
+    for every in (places, sizes, losses, shapes):
+        assert 0.5 < torch.tensor(every).square().mean().sqrt() < 1.3
 
 
 OF_RIB = ("x0", "y0", "x1", "y1", "bending", "torsion", "mass_per_length")

@@ -17,6 +17,8 @@ from torchplate.plate import Correction, bending_wavelength
 
 # What says how strongly something acts at its place.
 STRENGTHS = ("mass", "stiffness", "viscous_damping")
+# What a patch that loses is made of.
+LOSSY = frozenset({"x", "y", "size", "loss_factor"})
 # Of the standard normal distribution, at 95 %: nobody chose it.
 QUANTILE = 1.645
 
@@ -57,8 +59,9 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
     mass that moves with the sensor sits at each response in turn. A hole is not quite as large as the one that gives a
     mesh the modes of the plate: moments are singular at its corners, so that what is left there falls with the side of
     an element, whatever is extrapolated, and not with its square (Williams, J. Applied Mechanics 19 (1952) 526); see
-    `Meshes.corner`. The pieces of a rib end with the elements, see `Meshes.rib`. Of all else nothing is known to be
-    left, which is a zero.
+    `Meshes.corner`. Nor is a patch that loses: its curvatures jump by η at its edge, inside of elements, and what that
+    couples beyond the modes in the band no extrapolation has, see `Meshes.lossy`. The pieces of a rib end with the
+    elements, see `Meshes.rib`. Of all else nothing is known to be left, which is a zero.
 
     Args:
         model: that was fitted.
@@ -80,6 +83,11 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
                 held = [index[name] for end in "01" if (name := f"{label}.{axis}{end}") in index]
                 left[held] = SETTINGS.meshes.corner * side / length
             continue
+        if effect.parameters.keys() >= LOSSY:
+            for name, off in _of_lossy(values[label], sides, side).items():
+                if (key := f"{label}.{name}") in index:
+                    left[index[key]] = off
+            continue
         if effect.parameters.keys() > CORNERS:
             for name, off in _of_rib(values[label], sides, side, rigidity).items():
                 if (key := f"{label}.{name}") in index:
@@ -95,6 +103,24 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
             if (name := f"{label}.{axis}") in index:
                 left[index[name]] = part * wave / (4 * math.pi * length)
     return left
+
+
+def _of_lossy(value: Mapping[str, Tensor], sides: Mapping[str, float], side: float) -> dict[str, float]:
+    """What the mesh leaves of a patch that loses: of its middle, size, shape and loss factor, in their units.
+
+    What all of it loses is right: η goes with the inverse of its area.
+
+    Args:
+        value: its parameters.
+        sides: of the plate [m].
+        side: of an element [m].
+    """
+    place, size, ratio = (one * side * float(value["loss_factor"]) for one in SETTINGS.meshes.lossy)
+    whole = math.prod(sides.values()) ** 0.5
+    root = max(whole * float(value["size"]), 1e-300)
+    parts = {"loss_factor": 2 * size / root, "aspect": ratio / root}
+    off = {axis: place / length for axis, length in sides.items()} | {"size": size / whole}
+    return off | {name: part * float(value[name]) for name, part in parts.items() if name in value}
 
 
 def _of_rib(value: Mapping[str, Tensor], sides: Mapping[str, float], side: float, rigidity: float) -> dict[str, float]:

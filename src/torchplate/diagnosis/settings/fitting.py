@@ -47,6 +47,9 @@ class Meshes:
             [-]: 0.011 amid an element, 0.019 at a node, of plates on simple supports; see the tests.
         corner: how far off a corner of a hole ends on a mesh whose error is taken off, in sides of an element [-]: of
             holes of which other meshes have the sides as their lines; see the tests.
+        lossy: how far off the middle of a patch that loses ends, the root of its area, and the ratio of its sides times
+            that root, in sides of an element for a loss factor of 1 [-]: of patches of 0.4 and 0.1 beside a mesh that
+            has their sides as its lines; see the tests.
         rib: how far off a rib ends, along it and across, in sides of an element, and its stiffness and mass, in parts
             of themselves for each EI / (D side) [-]: of ribs of EI 0.1 D √A beside a mesh three times as fine; see the
             tests.
@@ -63,6 +66,7 @@ class Meshes:
     shape: tuple[float, float] = (4e-4, 1.8e-3)
     give: float = 0.016
     corner: float = 0.03
+    lossy: tuple[float, float, float] = (0.012, 0.11, 0.08)
     rib: tuple[float, float, float] = (0.045, 0.01, 0.006)
 
 
