@@ -80,7 +80,7 @@ def test_the_verdict_follows_from_what_is_left(lab, off, n_named, expected):
 
 
 @pytest.mark.check
-@pytest.mark.parametrize("what", ["distorted", "drowned"])
+@pytest.mark.parametrize("what", ["distorted", "loud"])
 def test_frfs_that_hold_nothing_of_the_plate_are_said_where_the_rest_is_noise(lab, what):
     ended, which = Ended(lab), torch.tensor([[False, False], [True, True]])
     assert faults_of(ended.builder, ended.noise) == ()

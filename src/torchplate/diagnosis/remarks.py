@@ -59,11 +59,11 @@ def faults_of(builder: ModelBuilder, noise: Noise) -> tuple[str, ...]:
             "with the other FRFs: something repeats in every record that no resonance makes, as a clipped or rattling "
             "sensor does. Look at its time records and its range."
         )
-    if which := _named(builder, noise.drowned):
+    if which := _named(builder, noise.loud):
         said.append(
-            f"{_frfs(which)} over the lines more than ten times as much as the other FRFs, and that is most of what "
-            "there is: no resonance can be told, and nothing of the plate. So does a clipped, loose or broken sensor. "
-            "Look at its time records, its range and its cable."
+            f"{_frfs(which)} over the lines more than ten times as much as the other FRFs, as such and as a part of "
+            "what is there. So does a clipped, loose or broken sensor. Look at its time records, its range and its "
+            "cable, or leave it out."
         )
     return tuple(said)
 

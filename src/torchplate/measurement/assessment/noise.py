@@ -57,7 +57,7 @@ class Noise:
         resonances: these, with what stands out at a line or two alone; None where none were sought.
         distorted: FRFs that scatter over the lines by far more than their records differ, where the others do not;
             None where that is not known.
-        drowned: FRFs that are mostly scatter, many times as much as the others hold; None where that is not known.
+        loud: FRFs that scatter many times as much as the others do; None where that is not known.
     """
 
     std: Float[Tensor, "n_frequency n_response n_reference"]
@@ -66,7 +66,7 @@ class Noise:
     slope: Float[Tensor, "n_frequency n_response n_reference"]
     resonances: Resonances | None = None
     distorted: Bool[Tensor, "n_response n_reference"] | None = None
-    drowned: Bool[Tensor, "n_response n_reference"] | None = None
+    loud: Bool[Tensor, "n_response n_reference"] | None = None
 
     def at_lines(self, index: Int[Tensor, " n_kept"]) -> "Noise":
         """Of some of the lines."""
@@ -118,23 +118,26 @@ def noise_level(measurement: Measurement, n_average: int | None = None) -> Noise
     std = torch.zeros_like(measurement.frf.real)
     slope = torch.zeros_like(std)
     std[:, kept], slope[:, kept] = variance.sqrt().to(std), steep.to(std)
-    drowned = torch.zeros_like(measurement.measured)
-    drowned[kept] = _drowned(variance, frf)
+    loud = torch.zeros_like(measurement.measured)
+    loud[kept] = _loud(variance, frf)
     said = tuple(sentence for sentence in sentences if sentence)
-    return Noise(std, floor, said, slope, resonances, distorted, drowned & ~distorted)
+    return Noise(std, floor, said, slope, resonances, distorted, loud & ~distorted)
 
 
-def _drowned(variance: Float[Tensor, "n_line n_frf"], frf: Complex[Tensor, "n_line n_frf"]) -> Bool[Tensor, " n_frf"]:
-    """FRFs that are mostly scatter, where at least half are not, and many times as much of it as these.
+def _loud(variance: Float[Tensor, "n_line n_frf"], frf: Complex[Tensor, "n_line n_frf"]) -> Bool[Tensor, " n_frf"]:
+    """FRFs that scatter many times as much as others, as such and as a part of what they hold.
 
-    A sensor on a nodal line is mostly noise, too, and has no more of it than the others.
+    A sensor on a nodal line holds more scatter for its part, and where noise goes with |H| one that moves much scatters
+    more; neither does both. Beside FRFs that scatter much themselves, what is mostly scatter is told by that.
     """
     power, energy = 2 * variance.sum(0), frf.abs().square().sum(0)
-    mostly = (energy > 0) & (power >= MOSTLY * energy)
+    part = power / torch.where(energy > 0, energy, 1.0)
+    mostly = (energy > 0) & (part >= MOSTLY)
     sound = (energy > 0) & ~mostly
-    if int(sound.sum()) < int(mostly.sum()) or not bool(mostly.any()):
+    if int(sound.sum()) < int(mostly.sum()) or not bool(sound.any()):
         return torch.zeros_like(mostly)
-    return mostly & (power > APART**2 * power[sound].median())
+    by_part = mostly | (part > APART**2 * part[sound].median())
+    return (energy > 0) & by_part & (power > APART**2 * power[sound].median())
 
 
 class _Fractions(NamedTuple):
