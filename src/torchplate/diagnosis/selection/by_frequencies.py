@@ -69,7 +69,7 @@ class ByFrequencies:
             limit: sum of squares beyond which a fit is not followed to its end.
             beat: what it has to come near for that.
         """
-        if (asked := self._asked(state, found)) is None:
+        if (asked := self.asked(state, found)) is None:
             return []
         every = [one for one in asked.singles if one.left <= self.settings.selecting.much_less]
         ended: list[Hypothesis] = []
@@ -95,7 +95,7 @@ class ByFrequencies:
             found: what was fitted to the FRFs.
             everyone: the candidates.
         """
-        if (asked := self._asked(state, found)) is None or not asked.singles:
+        if (asked := self.asked(state, found)) is None or not asked.singles:
             return None
         settings = self.settings.selecting
         alone = min(one.evidence for one in asked.singles)
@@ -134,10 +134,14 @@ class ByFrequencies:
         fit = settled(self.builder, corrected, plain, self.prior, position, about, fitted_on=False)
         return Hypothesis(first, label, fit, n_option=self.refits.n_option.get(first.cause, 1))
 
-    def _asked(self, state: State, found: Sequence[Hypothesis]) -> Asked | None:
+    def asked(self, state: State, found: Sequence[Hypothesis]) -> Asked | None:
         """The frequencies, where nothing is named and what was fitted leaves far more than noise; None elsewhere.
 
         A baseline that ended elsewhere has the same ones again.
+
+        Args:
+            state: with nothing named, or something.
+            found: what was fitted to the FRFs.
         """
         doubtful, fits = self.settings.selecting.doubtful, [state.fit, *(one.fit for one in found)]
         if state.named or not state.fit.by_noise or min(one.reduced_misfit for one in fits) <= doubtful:
@@ -193,7 +197,8 @@ class ByFrequencies:
 
 def _chosen(told: Told, everyone: Sequence[Candidate]) -> list[Candidate]:
     """The candidates of effects that frequencies were fitted with; none, where one of them has other numbers."""
-    found = [next((one for one in everyone if one.name == name), None) for name in told.names]
+    every = {(one.name, str(one.options)): one for one in everyone}
+    found = [every.get((name, str(options))) for name, options in zip(told.names, told.options, strict=True)]
     pairs = zip(found, told.own, strict=True)
     if not all(one is not None and own.keys() <= one.searched.keys() for one, own in pairs):
         return []

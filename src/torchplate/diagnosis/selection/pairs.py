@@ -58,8 +58,9 @@ class Pairs:
             ):
                 beam.append(added(state, choose(ordered, state.fit, other), ranked))
         best: State | None = None
-        for rank, start in enumerate(beam):
-            if rank and self.builder.n_evaluation > settings.enough:
+        # What frequencies say takes nobody's turn.
+        for rank, start in enumerate(beam, start=0 if told is None else -1):
+            if rank > 0 and self.builder.n_evaluation > settings.enough:
                 break
             names = " + ".join(one.hypothesis.name for one in start.named)
             self.say(f"{names} leaves {start.fit.reduced_misfit:.3g}: looking for what else is missing")

@@ -216,6 +216,8 @@ class Ranking:
             state: without them.
             ranked: the catalogue beside it.
         """
+        if self.by_frequencies.asked(state, ranked.hypotheses) is None:
+            return None
         _, everyone = self.catalogue_beside(state)
         return self.by_frequencies.both(state, ranked.hypotheses, everyone)
 

@@ -1,7 +1,8 @@
 """What natural frequencies alone say is missing, where FRFs are to be fitted and their peaks do not overlap."""
 
 import functools
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from torchplate.diagnosis.problem import Prior
 from torchplate.diagnosis.table.comparison import Comparing, Comparison, Weighed
@@ -17,6 +18,7 @@ class Told(NamedTuple):
 
     Attributes:
         names: of the effects.
+        options: of each.
         own: parameters of each.
         others: the model's own that natural frequencies can see.
         left: χ² with them, over that of the model alone [-].
@@ -24,6 +26,7 @@ class Told(NamedTuple):
     """
 
     names: tuple[str, ...]
+    options: tuple[Mapping[str, Any], ...]
     own: tuple[dict[str, float], ...]
     others: dict[str, float]
     left: float
@@ -67,7 +70,11 @@ class Asked:
         plates, before = self._comparing.plates, max(self._alone.baseline.best.chi_square, 1e-300)
         seen = plates.reduced(plates.model).seen
         values = one.model.as_dict(one.theta)
-        parts = zip(one.hypothesis.labels, one.hypothesis.parts, strict=True)
-        own = tuple({key: values[f"{label}.{key}"] for key in part.candidate.searched} for label, part in parts)
+        labels, every = one.hypothesis.labels, [part.candidate for part in one.hypothesis.parts]
+        own = tuple(
+            {key: values[f"{label}.{key}"] for key in candidate.searched}
+            for label, candidate in zip(labels, every, strict=True)
+        )
+        options = tuple(candidate.options for candidate in every)
         others = {name: values[name] for name in (plates.model.names[k] for k in seen) if name in values}
-        return Told(one.names, own, others, one.best.chi_square / before, one.evidence)
+        return Told(one.names, options, own, others, one.best.chi_square / before, one.evidence)
