@@ -66,4 +66,7 @@ def test_the_tutorial_has_the_diagnosis_of_today(beside_the_configs):
     assert "point_mass" in named
     assert [x, y, mass] == pytest.approx(quoted(page, r"point_mass \(x #, y #, mass # kg\)"), rel=5e-3)
     said = quoted(page, r"gap # % to # % \(held-out FRFs # % to # %\); noise floor # %")
-    assert [gaps[index] for index in (0, 1, 3, 4, 2)] == pytest.approx(said, rel=5e-3)
+    # What the model leaves that lacks the magnet hangs on rounding: 27.6 to 27.7 and 51.3 to 51.9 on two processors, on
+    # one of them with ATEN_CPU_CAPABILITY.
+    assert [gaps[index] for index in (0, 3)] == pytest.approx([said[0], said[2]], rel=2e-2)
+    assert [gaps[index] for index in (1, 4, 2)] == pytest.approx([said[1], said[3], said[4]], rel=5e-3)
