@@ -132,12 +132,16 @@ def test_two_effects_are_found_where_neither_alone_leaves_little(lab):
     assert {both.first.name, both.second.name} == {"point_mass", "poisson_ratio"}
     assert both.second.fit.reduced_misfit < 1.5
     # The first as it is beside the second, which it lacks.
-    assert both.first.own == {
-        key: both.second.fit.model.as_dict(both.second.fit.theta)[f"{both.first.label}.{key}"] for key in both.first.own
-    }
+    values = both.second.fit.model.as_dict(both.second.fit.theta)
+    beside_it = {key: values[f"{both.first.label}.{key}"] for key in both.first.own}
+    assert both.first.own == pytest.approx(beside_it)
     assert both.first.fit.reduced_misfit > 100
     found = both.first.own | both.second.own
     assert (found["x"], found["y"]) == pytest.approx((0.95, 0.55), abs=0.01)
     assert (found["mass"], found["value"]) == pytest.approx((0.08, 0.22), rel=0.03)
     # Where one that was fitted leaves as little, two are not asked for.
     assert asked.both(state, [both.second], everyone) is None
+    # The search names both, though each fit of one alone comes nowhere near.
+    final, _ = forward.add_effects(state, 2)
+    assert {one.hypothesis.name for one in final.named} == {"point_mass", "poisson_ratio"}
+    assert final.fit.reduced_misfit < 1.5

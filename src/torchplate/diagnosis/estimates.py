@@ -83,13 +83,10 @@ def left_by_mesh(model: PlateModel, theta: Float[Tensor, " n_parameter"], top: f
                 held = [index[name] for end in "01" if (name := f"{label}.{axis}{end}") in index]
                 left[held] = SETTINGS.meshes.corner * side / length
             continue
-        if effect.parameters.keys() >= LOSSY:
-            for name, off in _of_lossy(values[label], sides, side).items():
-                if (key := f"{label}.{name}") in index:
-                    left[index[key]] = off
-            continue
-        if effect.parameters.keys() > CORNERS:
-            for name, off in _of_rib(values[label], sides, side, rigidity).items():
+        if effect.parameters.keys() >= LOSSY or effect.parameters.keys() > CORNERS:
+            own, is_rib = values[label], effect.parameters.keys() > CORNERS
+            every = _of_rib(own, sides, side, rigidity) if is_rib else _of_lossy(own, sides, side)
+            for name, off in every.items():
                 if (key := f"{label}.{name}") in index:
                     left[index[key]] = off
             continue
